@@ -209,28 +209,6 @@ def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 
 
-def moments(block: npt.NDArray[Any], mask: Mask | None = None) -> Moments:
-    """Moments of all valid pixels of a block.
-
-    Parameters
-    ----------
-    block : (variables, rows, columns) or (variables, pixels) ndarray
-    mask : (rows, columns) bool ndarray, optional
-        True where a pixel counts.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> float(moments(np.array([[1.0, 2.0, 6.0, np.nan]])).mean[0])
-    3.0
-    """
-    block = np.asarray(block)
-    if block.ndim == 2:
-        block = block[:, None, :]
-        mask = None if mask is None else np.asarray(mask).reshape(1, -1)
-    return cell_moments(block, mask).total()
-
-
 def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
     """A share of 1 / `share` of the masked pixels, selected by a hash of their position in the scene: independent of
     tiles.

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deglint.errors import InputError
-from deglint.moments import CELL, CellMoments, cell_moments, moments
+from deglint.moments import CELL, CellMoments, cell_moments
 
 
 def accuracy_series(middle, low, high):
@@ -46,6 +46,12 @@ LONGLEY = np.fromstring(
 LONGLEY_SLOPES = [
     15.0618722713733, -0.0358191792925910, -2.02022980381683, -1.03322686717359, -0.0511041056535807, 1829.15146461355
 ]  # fmt: skip
+
+
+def moments(values, mask=None):
+    """Moments of all valid pixels of (variables, rows, columns) or (variables, pixels)."""
+    block = values[:, None, :] if values.ndim == 2 else values
+    return cell_moments(block, mask).total()
 
 
 def as_block(columns):

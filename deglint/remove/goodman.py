@@ -48,6 +48,6 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     doi:10.1364/AO.47.0000F1.
     """
     red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
-    index = GlintIndex((red, infrared), (-B, 1 + B), A * request.rrs_factor)
+    index = GlintIndex((red, infrared), (-B, 1 + B))
     request = replace(request, indexes=(index,), follows=(0,) * len(request.correct))
-    return linear_model("goodman", request, np.ones((len(request.correct), 1)))
+    return linear_model("goodman", request, np.ones((len(request.correct), 1)), [A * request.rrs_factor])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, regression_model
+from .request import FitRequest, check_sample, regression_model
 from .statistics import SampleStatistics
 
 
@@ -39,11 +39,9 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
     """
-
-    def level(stats: SampleStatistics, k: int) -> float:
-        if request.floor_percentile == 0:
-            return stats.darkest[k].value
-        # between float32 values numpy interpolates in float32
-        return float(np.percentile(stats.index_values(k).astype(np.float64), request.floor_percentile))
-
-    return regression_model("hedley", request, stats, level)
+    check_sample(request, stats)
+    levels = [darkest.value for darkest in stats.darkest]
+    if request.floor_percentile > 0:  # in float64, since between float32 values numpy interpolates in float32
+        kept = (stats.index_values(k).astype(np.float64) for k in range(len(levels)))
+        levels = [float(np.percentile(values, request.floor_percentile)) for values in kept]
+    return regression_model("hedley", request, stats, levels)

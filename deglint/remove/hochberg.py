@@ -6,8 +6,6 @@ sample makes it fail: select the sample with care. Costs one pass over the sampl
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from .model import GlintModel
@@ -49,5 +47,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     ends = list(zip(stats.darkest, stats.brightest, strict=True))
     slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
-    indexes = tuple(replace(x, level=d.value) for x, (d, _) in zip(request.indexes, ends, strict=True))
-    return linear_model("hochberg", replace(request, indexes=indexes), slopes, stats)
+    return linear_model("hochberg", request, slopes, [d.value for d, _ in ends], stats)

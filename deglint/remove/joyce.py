@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .levels import mode
 from .model import GlintModel
-from .request import FitRequest, regression_model
+from .request import FitRequest, check_sample, regression_model
 from .statistics import SampleStatistics
 
 
@@ -39,4 +39,6 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     Queensland; as given by Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697, section
     3.2.
     """
-    return regression_model("joyce", request, stats, lambda s, k: mode(s.index_values(k)))
+    check_sample(request, stats)
+    levels = [mode(stats.index_values(k)) for k in range(len(request.indexes))]
+    return regression_model("joyce", request, stats, levels)

@@ -54,7 +54,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
-    return linear_model("kutser", request, slopes, stats)
+    return linear_model("kutser", request, slopes, [0.0], stats)
 
 
 def _with_depth(request: FitRequest) -> FitRequest:

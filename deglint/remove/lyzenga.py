@@ -7,7 +7,7 @@ stays in the image: differences within a band are correct, absolute values are n
 from __future__ import annotations
 
 from .model import GlintModel
-from .request import FitRequest, regression_model
+from .request import FitRequest, check_sample, regression_model
 from .statistics import SampleStatistics
 
 
@@ -36,5 +36,5 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     Lyzenga, Malinas, Tanis (2006), "Multispectral bathymetry using a simple physically based algorithm", IEEE
     Transactions on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.
     """
-    first = len(request.correct)
-    return regression_model("lyzenga", request, stats, lambda s, k: float(s.moments.mean[first + k]))
+    check_sample(request, stats)
+    return regression_model("lyzenga", request, stats, stats.moments.mean[len(request.correct) :].tolist())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,23 +77,17 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
-def regression_model(
-    method: str, request: FitRequest, stats: SampleStatistics, level: Callable[[SampleStatistics, int], float]
-) -> GlintModel:
-    """Slopes by the request's regression, levels by `level(stats, k)` for each index k.
-
-    Raises FitError: the sample is too small, or an index does not vary in it.
-    """
-    check_sample(request, stats)
+def regression_model(method: str, request: FitRequest, stats: SampleStatistics, levels: Sequence[float]) -> GlintModel:
+    """Model with slopes by the request's regression, and the level of each index."""
     slopes = REGRESSIONS[request.regression](stats)
-    indexes = tuple(replace(x, level=level(stats, k)) for k, x in enumerate(request.indexes))
-    return linear_model(method, replace(request, indexes=indexes), slopes, stats, regression=request.regression)
+    return linear_model(method, request, slopes, levels, stats, regression=request.regression)
 
 
 def linear_model(
     method: str,
     request: FitRequest,
     slopes: npt.ArrayLike,
+    levels: Sequence[float],
     stats: SampleStatistics | None = None,
     *,
     regression: str | None = None,
@@ -113,7 +107,8 @@ def linear_model(
         error, share = (None if np.isnan(x[i, k]) else float(x[i, k]) for x in (errors, r2))
         fits.append(BandFit(band, request.bands[band].name, k, float(slopes[i, k]), error, share, n))
     warnings = () if stats is None else warnings_of(stats, fits)
-    return GlintModel(method, request.indexes, tuple(fits), request.names, regression, warnings)
+    indexes = tuple(replace(x, level=float(level)) for x, level in zip(request.indexes, levels, strict=True))
+    return GlintModel(method, indexes, tuple(fits), request.names, regression, warnings)
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:

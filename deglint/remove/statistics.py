@@ -20,9 +20,6 @@ from ..scene import FloatArray
 from .detrend import detrend
 from .model import GlintIndex
 
-Crop = tuple[int, int, int, int]
-"""Halo around a tile: rows above and below, columns left and right [pixel]."""
-
 
 @dataclass(frozen=True)
 class SamplePlan:
@@ -89,7 +86,7 @@ def gather(
     plan: SamplePlan,
     *,
     origin: tuple[int, int] = (0, 0),
-    crop: Crop = (0, 0, 0, 0),
+    crop: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
@@ -104,7 +101,7 @@ def gather(
     origin : (int, int)
         Row and column in the scene of the tile's first pixel, not counting the halo [pixel].
     crop : (int, int, int, int)
-        Halo of the block [pixel].
+        Halo of the block: rows above and below, columns left and right [pixel].
 
     Returns
     -------

@@ -4,13 +4,9 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
 and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
-a local mean subtracted from every band,
-
-.. math:: k_b = (G_{RR} + \lambda I)^{-1} G_{Rb}, \qquad G = \sum_x v(x) v(x)^T,
-
-with v(x) all references at all offsets about x, then the bands (`deglint.remove.kernels`). One kernel thus models all
-displacement and blur between the glint of two bands, and averages the noise of the reference. With a kernel of one
-pixel, no local mean and the minimum as level it is Hedley's method.
+a local mean subtracted from every band (`deglint.remove.kernels`). One kernel thus models all displacement and blur
+between the glint of two bands, and averages the noise of the reference. With a kernel of one pixel, no local mean and
+the minimum as level it is Hedley's method.
 
 - Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
   significantly worse than the best is used.
