@@ -116,6 +116,21 @@ def glint(
     return out, exceeds
 
 
+def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> None:
+    """Raise InputError if a model does not fit a block and its mask."""
+    check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
+    check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
+    if block.ndim != 3 or len(block) != len(model.band_names):
+        raise InputError(
+            f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
+            f"but the array has shape {block.shape}; expected (band, row, column)."
+        )
+    if block.dtype not in (np.float32, np.float64):
+        raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
+    if where is not None and where.shape != block.shape[1:]:
+        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
+
+
 def apply(
     block: FloatArray,
     model: GlintModel,
@@ -152,17 +167,7 @@ def apply(
     >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
     np.float64(9.0)
     """
-    check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
-    check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
-    if block.ndim != 3 or len(block) != len(model.band_names):
-        raise InputError(
-            f"the model is for {len(model.band_names)} bands ({', '.join(model.band_names)}), "
-            f"but the array has shape {block.shape}; expected (band, row, column)."
-        )
-    if block.dtype not in (np.float32, np.float64):
-        raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
-    if where is not None and where.shape != block.shape[1:]:
-        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
+    _check_block(block, model, where)
     if out is None:
         out = block.copy()
     elif out is not block:

@@ -113,13 +113,7 @@ def fit(
     586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
     sets = band_sets(request)
-    used = sorted({r for s in sets for r in s.references})
-    known = [t.sample & np.isfinite(t.block[used]).all(axis=0) for t in tiles]
-    rules = {}
-    for r in used:
-        edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
-        looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
-        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint)
+    rules = _rules(request, tiles, sorted({r for s in sets for r in s.references}))
     learnt = [_learnt(tile, request, rules) for tile in tiles]
     if not request.faint:  # there weights bound what a pixel teaches
         learnt = _without_outliers(learnt)
@@ -142,6 +136,17 @@ def fit(
         why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
+
+
+def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequence[int]) -> dict[int, ReferenceRule]:
+    """Criterion of each reference for pixels that are not glint."""
+    known = [t.sample & np.isfinite(t.block[references]).all(axis=0) for t in tiles]
+    rules = {}
+    for r in references:
+        edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
+        looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
+        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint)
+    return rules
 
 
 def _kinds(
