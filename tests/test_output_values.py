@@ -8,7 +8,7 @@ from rasterio.enums import ColorInterp
 import deglint as library
 from deglint import Recipe, remove_glint
 from deglint.pipeline import FLAGS
-from deglint.raster.encode import encode, retype
+from deglint.raster.convert import encode, retype
 
 HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")

@@ -15,7 +15,7 @@ from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
-from ..raster.encode import encode, relaid
+from ..raster.convert import encode, relaid
 from ..raster.environment import enter_thread
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area

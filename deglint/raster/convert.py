@@ -1,4 +1,8 @@
-"""Conversion of file values to physical values: pure functions on arrays."""
+"""Conversion of file values to physical values and back: pure functions on arrays.
+
+On the way back values are rounded and saturate, and the lost ones are counted. Pixels that were not corrected are not
+converted: they keep their bits.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +20,6 @@ Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
 """The largest values of float32, which many programs write as nodata without declaring it; also in float64 files,
 besides the largest value of float64."""
-
-
 _CONVERTED_AT_ONCE = 1 << 16
 """Values of a band processed at a time; whole tiles do not fit into the processor's cache, which makes a correction a
 tenth slower."""
@@ -110,6 +112,114 @@ def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
         return None
     with np.errstate(all="ignore"):
         return dtype.type(int(nodata) if dtype.kind in "iu" else nodata)
+
+
+def same_nodata(a: float | None, b: float | None) -> bool:
+    """Whether two nodata values are the same (NaN is NaN)."""
+    return a == b or (a is not None and b is not None and a != a and b != b)
+
+
+def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
+    """File values in another type, and the mask of clipped values (None if there can be none).
+
+    Values are rounded to the nearest integer and saturate; NaN becomes 0.
+    """
+    with np.errstate(over="ignore"):
+        if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
+            return raw.astype(dtype), None
+    low, high = _range(dtype)
+    numbers = np.rint(raw) if raw.dtype.kind == "f" else raw
+    clipped = ((numbers < low) | (numbers > high)) & np.isfinite(numbers)
+    return np.clip(np.nan_to_num(numbers, nan=0), low, high).astype(dtype), clipped
+
+
+def encode(
+    physical: FloatArray,
+    raw: npt.NDArray[Any],
+    *,
+    bands: Sequence[int],
+    scales: Sequence[float],
+    offsets: Sequence[float],
+    where: Valid | None = None,
+    nodata: float | None = None,
+) -> tuple[Valid, Valid]:
+    """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
+
+    physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
+    `raw` as it is. No value is left on `nodata`.
+
+    Returns
+    -------
+    (len(bands), row, column) ndarrays of bool
+        Where a value is negative, and where it was clipped to what the type can hold or moved off `nodata`.
+
+    Notes
+    -----
+    Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
+    """
+    negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
+    for i, rows in slabs(negative.shape):
+        b = bands[i]
+        values = physical[b, rows]
+        put = values.astype(np.float64)
+        if offsets[b] != 0:
+            put -= offsets[b]
+        if scales[b] != 1:
+            put /= scales[b]
+        inside = True if where is None else where[rows]
+        negative[i, rows] = (values < 0) & inside
+        clipped[i, rows] = _put(put, raw[b, rows], np.isfinite(put) & inside, nodata)
+    return negative, clipped
+
+
+def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
+    """Store values in the type of a band, avoiding its nodata; return the mask of clipped values."""
+    whole = raw.dtype.kind in "iu"
+    outside = np.zeros(raw.shape, np.bool_)
+    if whole:
+        np.rint(put, out=put)
+        low, high = _range(raw.dtype)
+        if not (put.min(initial=0.0) >= low and put.max(initial=0.0) <= high):  # or some are NaN
+            outside = good & ((put < low) | (put > high))
+            put = np.clip(np.where(good, put, 0.0), low, high)
+    with np.errstate(over="ignore"):
+        stored = put.astype(raw.dtype)
+    if nodata is not None and np.isfinite(nodata):
+        number = raw.dtype.type(nodata)
+        hit = good & (stored == number)
+        if whole:
+            outside |= hit
+            stored[hit] = int(nodata) + (1 if number < np.iinfo(raw.dtype).max else -1)
+        else:
+            stored[hit] = np.nextafter(number, raw.dtype.type(np.inf))
+    np.copyto(raw, stored, where=good)
+    return outside
+
+
+def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
+    """Smallest and largest float64 that an integer type can hold."""
+    info = np.iinfo(dtype)
+    high = float(info.max)
+    return float(info.min), high if int(high) <= info.max else float(np.nextafter(high, 0))
+
+
+def relaid(
+    raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
+) -> tuple[npt.NDArray[Any], Valid | None]:
+    """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
+
+    `own` is the present nodata value of each band; further entries are ignored. `raw` is overwritten if the type is the
+    same.
+    """
+    lost, own = None, own[: len(raw)]
+    hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
+    if raw.dtype != np.dtype(dtype):
+        raw, lost = retype(raw, np.dtype(dtype))
+        if lost is not None and valid is not None:
+            lost &= valid
+    if hidden is not None:
+        np.copyto(raw, np.dtype(dtype).type(nodata), where=~hidden)
+    return raw, lost
 
 
 @dataclass(frozen=True)

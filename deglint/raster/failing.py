@@ -28,7 +28,6 @@ _SHORT = "the disk or a quota is full, or files may not grow so large (ulimit -f
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
     """Turn errors while a file is written into one-line errors."""
-
     try:
         yield
     except gdal_errors(OSError) as error:
@@ -65,19 +64,16 @@ def refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _reason(directory: Path, error: BaseException) -> str:
-    text = " ".join(str(e) for e in _causes(error))
+    text = ""
+    cause: BaseException | None = error
+    while cause is not None:
+        text, cause = f"{text} {cause}", cause.__cause__ or cause.__context__
     free = free_bytes(directory)
     if "No space left" in text or (free is not None and free < 1 << 20):
         return f"the disk is full ({directory}). Nothing was changed; free some space."
     if _SHORT in text or "rite error" in text:
         return f"{_SHORT}. Nothing was changed."
     return f"{one_line(error)}. Nothing was changed."
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
 
 
 def check_whole(path: Path, target: Path) -> None:
@@ -92,4 +88,4 @@ def check_whole(path: Path, target: Path) -> None:
                 start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
                 length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
                 if start is None or int(start) + int(length or 0) > size:
-                    raise WriteError(f"cannot write {target}: {_reason(target.parent, OSError(_SHORT))}")
+                    raise OSError(_SHORT)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, ReadError
-from .convert import FlatField
+from .convert import FlatField, same_nodata
 from .environment import check_size
 from .files import check_after, check_before
 
@@ -95,11 +95,6 @@ class RasterInfo:
         """The nodata value, if all bands agree on one."""
         first = self.nodatas[0]
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
-
-
-def same_nodata(a: float | None, b: float | None) -> bool:
-    """Whether two nodata values are the same (NaN is NaN)."""
-    return a == b or (a is not None and b is not None and a != a and b != b)
 
 
 @contextmanager
@@ -265,9 +260,9 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         block_shapes=pick(dataset.block_shapes),
         tiled=bool(dataset.profile.get("tiled", False)),
         alpha=alpha,
-        compression=_spelled(structure.get("COMPRESSION")),
+        compression=structure.get("COMPRESSION", "").lower() or None,
         predictor=structure.get("PREDICTOR"),
-        interleave=_spelled(structure.get("INTERLEAVE")),
+        interleave=structure.get("INTERLEAVE", "").lower() or None,
         crs=dataset.crs,
         transform=None if dataset.transform.is_identity else dataset.transform,
         gcps=tuple(gcps),
@@ -312,9 +307,4 @@ def _colorinterp(dataset: Any) -> list[str]:
 
 def _tags(dataset: Any, band: int = 0) -> dict[str, dict[str, str]]:
     namespaces = [n for n in dataset.tag_namespaces(band) if n and n not in _DERIVED_NAMESPACES]
-    found = {"": dataset.tags(band)} | {n: dataset.tags(band, ns=n) for n in namespaces}
-    return {n: tags for n, tags in found.items() if tags or not n}
-
-
-def _spelled(value: Any) -> str | None:
-    return None if value is None else str(value).lower()
+    return {"": dataset.tags(band)} | {n: tags for n in namespaces if (tags := dataset.tags(band, ns=n))}

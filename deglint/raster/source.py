@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any, Self
 
 import numpy as np
@@ -108,10 +109,9 @@ class RasterSource:
 
     def declared(self, info: RasterInfo) -> Self:
         """The same pixels with another declared nodata and offset."""
-        ends = np.cumsum([len(f.indexes) for f in self.files])
-        nodatas = [info.nodatas[end - len(f.indexes) : end] for end, f in zip(ends, self.files, strict=True)]
+        left = iter(info.nodatas)
         found = copy.copy(self)
-        found.files = tuple(replace(f, nodatas=tuple(n)) for f, n in zip(self.files, nodatas, strict=True))
+        found.files = tuple(replace(f, nodatas=tuple(islice(left, len(f.indexes)))) for f in self.files)
         found.info, found.settled = info, True
         return found
 
@@ -122,7 +122,7 @@ class RasterSource:
         self.__dict__.update(state)
         self._start()
 
-    def __enter__(self) -> RasterSource:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -160,8 +160,7 @@ class RasterSource:
         raw, valid = self._read(window, bands, nodata=False)
         every = [nodata for file in self.files for nodata in file.nodatas]
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
-        nodatas = [every[b] for b in bands]
-        return to_physical(raw, valid, scales, offsets, nodatas=nodatas)
+        return to_physical(raw, valid, scales, offsets, nodatas=[every[b] for b in bands])
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
         """All bands of a window as file values, (band, row, column), and the mask of valid pixels.
@@ -237,23 +236,18 @@ class RasterSource:
         except BaseException as error:
             if handle is not None:
                 handle.close()
-            refusal = self._explain(error, place)
-            if refusal is None:
-                raise
-            raise refusal from error
+            where = f"{place} of {', '.join(self.info.paths)}"
+            if isinstance(error, MemoryError):
+                raise ReadError(f"{where} do not fit into memory. Read smaller windows.") from error
+            if isinstance(error, gdal_errors()):
+                what = f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}"
+                raise ReadError(what) from error
+            raise
         with self._lock:
             if not self._closed:
                 self._idle.append(handle)
                 return
         handle.close()
-
-    def _explain(self, error: BaseException, place: str) -> ReadError | None:
-        where = f"{place} of {', '.join(self.info.paths)}"
-        if isinstance(error, MemoryError):
-            return ReadError(f"{where} do not fit into memory. Read smaller windows.")
-        if isinstance(error, gdal_errors()):
-            return ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}")
-        return None
 
 
 def _absolute(name: str) -> str:
