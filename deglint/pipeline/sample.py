@@ -20,7 +20,7 @@ from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..raster.environment import enter_thread
-from ..readers.areas import Area, WindowArea, open_area
+from ..readers.areas import open_area, window_area
 from ..readers.place import pixel_size
 from ..readers.sensorfile import optics_of
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
@@ -100,7 +100,7 @@ def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -
             return deep_water(block[[columns.index(b) for b in bands]], rule)
 
         return Sampler(overview.tiles, deep, bands, rule.halo, numbers)
-    area: Area = WindowArea(((0, scene.height), (0, scene.width)))
+    area = window_area(((0, scene.height), (0, scene.width)))
     if recipe.sample != "all":
         # the area of --mask is the sample, too, where no other is given
         area = open_area(recipe.sample, scene, "--mask" if recipe.sample == recipe.mask else "--sample")

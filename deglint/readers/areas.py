@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,73 +39,50 @@ _FAR = 1e9
 """Polygon corners further from the scene than this are an error [pixel]."""
 
 
-class Area(Protocol):
+@dataclass(frozen=True)
+class Area:
     """A part of a scene."""
 
-    @property
-    def bounds(self) -> Window:
-        """Smallest window of the scene that contains it; empty ranges if it lies outside."""
-        ...
-
-    def read(self, window: Window) -> Mask:
-        """(row, column) array, True inside."""
-        ...
+    bounds: Window  # the smallest window of the scene that contains it; empty ranges if it lies outside
+    read: Callable[[Window], Mask]  # (row, column) array of any window, True inside
+    note: str = ""  # what was assumed of it
 
 
-@dataclass(frozen=True)
-class WindowArea:
+def window_area(bounds: Window) -> Area:
     """A rectangle of pixels."""
-
-    bounds: Window
-
-    def read(self, window: Window) -> Mask:
-        """True inside the rectangle."""
-        inside = [
-            (np.arange(start, stop) >= low) & (np.arange(start, stop) < high)
-            for (start, stop), (low, high) in zip(window, self.bounds, strict=True)
-        ]
-        return inside[0][:, None] & inside[1][None, :]
+    return Area(bounds, partial(_in_window, bounds))
 
 
-@dataclass(frozen=True)
-class PolygonArea:
-    """Polygons in the scene's coordinates; `note` records assumptions."""
-
-    shapes: tuple[Mapping[str, Any], ...]
-    transform: Any
-    bounds: Window
-    note: str = ""
-
-    def read(self, window: Window) -> Mask:
-        """True where a pixel's centre lies in a polygon."""
-        from rasterio.features import geometry_mask
-
-        (top, bottom), (left, right) = window
-        out = np.zeros((bottom - top, right - left), np.bool_)
-        shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, self.bounds, strict=True)]
-        # always the same squares are drawn: a centre that lies on an edge falls to the same side in every window
-        across, down = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
-        for row, column in product(across, down):
-            moved = _moved(self.transform, column, row)
-            cell = geometry_mask(self.shapes, (_POLYGON_CELL, _POLYGON_CELL), moved, invert=True)
-            rows = slice(max(top, row), min(bottom, row + _POLYGON_CELL))
-            columns = slice(max(left, column), min(right, column + _POLYGON_CELL))
-            inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
-            out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
-        return out
+def _in_window(bounds: Window, window: Window) -> Mask:
+    inside = [
+        (np.arange(start, stop) >= low) & (np.arange(start, stop) < high)
+        for (start, stop), (low, high) in zip(window, bounds, strict=True)
+    ]
+    return inside[0][:, None] & inside[1][None, :]
 
 
-@dataclass(frozen=True)
-class RasterArea:
-    """A one-band mask on the scene's grid: valid and nonzero pixels are inside."""
+def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
+    """True where a pixel's centre lies in a polygon; shapes and transform are in the scene's coordinates."""
+    from rasterio.features import geometry_mask
 
-    source: RasterSource
-    bounds: Window
+    (top, bottom), (left, right) = window
+    out = np.zeros((bottom - top, right - left), np.bool_)
+    shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, bounds, strict=True)]
+    # always the same squares are drawn: a centre that lies on an edge falls to the same side in every window
+    across, down = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
+    for row, column in product(across, down):
+        cell = geometry_mask(shapes, (_POLYGON_CELL, _POLYGON_CELL), _moved(transform, column, row), invert=True)
+        rows = slice(max(top, row), min(bottom, row + _POLYGON_CELL))
+        columns = slice(max(left, column), min(right, column + _POLYGON_CELL))
+        inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
+        out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
+    return out
 
-    def read(self, window: Window) -> Mask:
-        """True where the mask is valid and nonzero."""
-        values = self.source.read(window, [0])[0]
-        return np.asarray(np.isfinite(values) & (values != 0))
+
+def _in_raster(source: RasterSource, window: Window) -> Mask:
+    """True where a one-band mask on the scene's grid is valid and nonzero."""
+    values = source.read(window, [0])[0]
+    return np.asarray(np.isfinite(values) & (values != 0))
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
@@ -114,9 +92,11 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         column, row, width, height = _window(text, scene, option)
-        return _inside(WindowArea(((row, row + height), (column, column + width))), scene, text, option)
+        area = window_area(((row, row + height), (column, column + width)))
+        return _inside(area, scene, f"{option} {text}", "A window is column,row,width,height.")
     if Path(text).suffix.lower() in (".geojson", ".json"):
-        return _inside(polygons(read_json(text, option), scene, text), scene, text, option)
+        area = polygons(read_json(text, option), scene, text)
+        return _inside(area, scene, f"{option} {text}", "Check the CRS, or draw it anew.")
     if Path(text).name == text and not Path(text).exists():
         hint = nearest(text, list(OPTION_WORDS.get(option, ())))
         if hint:
@@ -136,7 +116,7 @@ def _window(text: str, scene: Scene, option: str) -> list[int]:
     )
 
 
-def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonArea:
+def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """Polygons of a GeoJSON document, in the scene's coordinates.
 
     The CRS is that of the document's member `crs`, else longitude and latitude (RFC 7946). Coordinates that cannot be
@@ -153,7 +133,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
     note = "" if scene.crs is None or document.get("crs") else _own_crs(shapes, scene, name)
     if note:
         log.info("%s", note)
-    if scene.crs is not None and not note:
+    elif scene.crs is not None:
         try:
             shapes = [transform_geom(crs_of(document, name), scene.crs, s) for s in shapes]
         except gdal_errors(ValueError, IndexError) as error:
@@ -169,7 +149,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> PolygonAre
         (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
         (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
     )
-    return PolygonArea(tuple(shapes), transform, window, note)
+    return Area(window, partial(_in_polygons, shapes, transform, window), note)
 
 
 def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
@@ -211,11 +191,11 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
 
 
 def _moved(transform: Any, column: int, row: int) -> Any:
-    """The affine transform of a window; written out, as versions of affine differ in the operator."""
+    """The affine transform of a window that begins at a column and row."""
     from rasterio.transform import Affine
 
-    t = transform
-    return Affine(t.a, t.b, t.a * column + t.b * row + t.c, t.d, t.e, t.d * column + t.e * row + t.f)
+    x, y = at(transform, column, row)
+    return Affine(transform.a, transform.b, x, transform.d, transform.e, y)
 
 
 def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
@@ -274,32 +254,27 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
     raise InputError(f"{name} names a CRS that is not known: {text[:80]!r}. Save it in EPSG:4326.") from error
 
 
-def _inside(area: Any, scene: Scene, name: str, option: str) -> Area:
+def _inside(area: Area, scene: Scene, name: str, remedy: str) -> Area:
     """The area with its bounds clipped to the scene; InputError if it lies outside."""
-    limits = (scene.height, scene.width)
-    cut = tuple(
-        (min(max(low, 0), size), min(max(high, 0), size)) for (low, high), size in zip(area.bounds, limits, strict=True)
-    )
-    if any(low >= high for low, high in cut):
-        (top, bottom), (left, right) = area.bounds
-        window = isinstance(area, WindowArea)
-        remedy = "A window is column,row,width,height." if window else "Check the CRS, or draw it anew."
+    (top, bottom), (left, right) = area.bounds
+    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
+    if rows[0] >= rows[1] or columns[0] >= columns[1]:
         raise InputError(
-            f"{option} {name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, "
-            f"the scene has {scene.height} rows and {scene.width} columns. {remedy}"
+            f"{name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the scene has "
+            f"{scene.height} rows and {scene.width} columns. {remedy}"
         )
-    return replace(area, bounds=(cut[0], cut[1]))
+    return replace(area, bounds=(rows, columns))
 
 
-def _raster_area(path: str, scene: Scene, option: str) -> RasterArea:
+def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
     apart = info.crs is None or scene.crs is None
     if apart and (info.height, info.width) == (scene.height, scene.width):  # the size alone says where it lies
-        return RasterArea(RasterSource([FileBands.of(info)], info), whole)
+        return Area(whole, partial(_in_raster, RasterSource([FileBands.of(info)], info)))
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
-    return RasterArea(nearest_on(info, scene), whole)
+    return Area(whole, partial(_in_raster, nearest_on(info, scene)))

@@ -129,11 +129,11 @@ def find(path: str) -> Product | None:
     if not _is_dir(local) and is_archive(local):
         return _first(open_archive(local))
     place = Path(local)
-    folder = open_folder(place, path) if _is_dir(local) else None
+    folder = open_folder(place) if _is_dir(local) else None
     place = place.absolute()
     for family in PRODUCTS.values():
         root = _root_of(family, place, folder)
-        found = None if root is None else _of(family, open_folder(root, path, place.relative_to(root).as_posix()))
+        found = None if root is None else _of(family, open_folder(root, place.relative_to(root).as_posix()))
         if found is not None:
             return found
     return None if folder is None else _first(folder)

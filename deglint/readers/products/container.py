@@ -37,7 +37,6 @@ class Container:
     kind: str  # "folder", "zip" or "tar"
     names: tuple[str, ...]  # members, relative, with "/" between folders, sorted
     named: str | None = None  # the member (a file or a folder) that was meant, where not all of it was
-    asked: str = ""  # the name that the user gave
     was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that `read` has read
 
     @property
@@ -120,9 +119,9 @@ def is_archive(path: str) -> bool:
     return bool(_ZIP.search(path) or _TAR.search(path))
 
 
-def open_folder(path: Path, asked: str, named: str | None = None) -> Container:
+def open_folder(path: Path, named: str | None = None) -> Container:
     """List a folder; links to folders are not followed."""
-    return Container(str(path), "folder", tuple(sorted(islice(_walk(path), MOST_MEMBERS))), named, asked)
+    return Container(str(path), "folder", tuple(sorted(islice(_walk(path), MOST_MEMBERS))), named)
 
 
 def open_archive(path: str) -> Container:
@@ -138,7 +137,7 @@ def open_archive(path: str) -> Container:
     except (*_DAMAGED, ValueError) as error:
         raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
     kept = [n for n in names[:MOST_MEMBERS] if not n.endswith("/") and _stays_inside(n)]
-    return Container(path, kind, tuple(sorted(kept)), asked=path)
+    return Container(path, kind, tuple(sorted(kept)))
 
 
 def _stays_inside(name: str) -> bool:

@@ -87,9 +87,7 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     } | _angles(root))  # fmt: skip
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
     kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()
-    return Product(
-        kind, name, container.asked, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes)
-    )
+    return Product(kind, name, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes))
 
 
 def _angles(root: ET.Element) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
         notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
     notes = list(dict.fromkeys([*notes, *corrected, UNREGISTERED]))
     tags = tags_of({"acquired": infos[0].tags.get("", {}).get("TIFFTAG_DATETIME")})
-    return Product(_kind(facts), capture, container.asked, tuple(bands), _sensor(facts), tags, tuple(notes))
+    return Product(_kind(facts), capture, tuple(bands), _sensor(facts), tags, tuple(notes))
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:

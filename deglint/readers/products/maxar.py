@@ -77,7 +77,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element | Non
     tags = tags_of({"satellite": title} | {k: said(root, *(f".//{n}" for n in names)) for k, names in facts.items()})
     known = title if satellite in _SATELLITES else "Maxar"
     kind = f"{known} {said(root, './/PRODUCTLEVEL')}".strip()
-    return Product(kind, last(stem), container.asked, tuple(bands), preset.name if preset else None, tags, tuple(notes))
+    return Product(kind, last(stem), tuple(bands), preset.name if preset else None, tags, tuple(notes))
 
 
 def _letters(root: ET.Element | None) -> list[str]:

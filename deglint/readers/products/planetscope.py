@@ -68,7 +68,7 @@ def find(container: Container) -> Product | None:
     when = said(root, ".//acquisitionDateTime", ".//acquired")
     tags = tags_of({"instrument": instrument, "acquired": when, "view_angle": view_angle} | angles)
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
-    return Product(kind, match["scene"], container.asked, tuple(bands), sensor, tags, tuple(notes))
+    return Product(kind, match["scene"], tuple(bands), sensor, tags, tuple(notes))
 
 
 def _factors(root: ET.Element) -> dict[int, ET.Element]:

@@ -40,7 +40,6 @@ class Product:
 
     kind: str  # "Sentinel-2 L2A"
     name: str  # the product's own name, without a path
-    path: str  # as it was named by whoever opened it
     bands: tuple[ProductBand, ...]  # those of one file stand together, in its order
     sensor: str | None = None  # a name that a sensor preset answers to
     tags: Mapping[str, str] = field(default_factory=dict)  # for the output: when it was acquired, angles

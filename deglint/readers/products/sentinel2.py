@@ -61,9 +61,7 @@ def find(container: Container) -> Product | None:
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
     tags |= _angles(container, next(iter(granules), ""), notes)
     bands = tuple(_bands(container, root, chosen))
-    return Product(
-        f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), container.asked, bands, "sentinel2", tags, tuple(notes)
-    )
+    return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
