@@ -27,7 +27,7 @@ from .names import (
     wavelength_in_name,
 )
 from .sensorfile import sensor_of
-from .spectral import said_of_wavelength, saturation, spectral_of, time_offset
+from .spectral import Spectral, saturation, spectral_of, time_offset, with_spectral
 
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 _SENTINEL2 = re.compile(r"b0\d|b0?8a")
@@ -61,17 +61,15 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
     """A description with names, wavelengths and widths of the bands, so that an output has them too."""
-    tags = tuple(
-        said_of_wavelength(
-            own, None if known.wavelength is not None else b.wavelength, None if known.width is not None else b.width
-        )
-        for own, b, known in zip(info.band_tags, bands, spectral_of(info), strict=True)
-    )
+    lacking = [
+        Spectral(None if known.wavelength else b.wavelength, b.width if known.width is None else None)
+        for b, known in zip(bands, spectral_of(info), strict=True)
+    ]
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return replace(info, descriptions=names, band_tags=tags)
+    return with_spectral(replace(info, descriptions=names), lacking)
 
 
 def _spelled(name: str, place: int) -> float | None:

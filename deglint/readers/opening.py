@@ -101,9 +101,9 @@ def _stacked(
 ) -> Scene:
     notes: list[str] = []
     opened = _opened(paths, sensor, nir, stated, notes)
-    infos = stated.on([with_nodata(info, nodata, notes) for o in opened for info in o.infos])
+    infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
-    info = _together(infos, reference)
+    info = stated.on(_together(infos, reference))
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
     found, preset, told = bands_of(info, stems, sensor)
     if len(infos) > 1 or sensor is not None or stated.labels:

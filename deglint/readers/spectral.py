@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,34 +54,32 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
     return found
 
 
-def said_of_wavelength(
-    tags: Mapping[str, Mapping[str, str]], wavelength: float | None, width: float | None = None
-) -> dict[str, Mapping[str, str]]:
-    """Tags of a band with this wavelength and width [nm], replacing others; None keeps the existing ones."""
-    done: dict[str, Mapping[str, str]] = dict(tags)
-    for keys, value, name in (
-        ((_WAVELENGTH, _UNIT_TAG), wavelength, "wavelength_nm"),
-        ((_WIDTH_TAG,), width, "fwhm_nm"),
-    ):
-        if value is None:
-            continue
-        done = {
-            n: {k: v for k, v in own.items() if not any(key.fullmatch(_key(k)) for key in keys)}
-            for n, own in done.items()
-        }
-        done[""] = {**done.get("", {}), name: f"{value:.10g}"}
-    return done
+def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
+    """A description with these wavelengths and widths in the tags of its bands; None keeps the existing ones."""
+    every = []
+    for own, new in zip(info.band_tags, spectra, strict=True):
+        tags: dict[str, Mapping[str, str]] = dict(own)
+        for value, name, keys in (
+            (new.wavelength, "wavelength_nm", (_WAVELENGTH, _UNIT_TAG)),
+            (new.width, "fwhm_nm", (_WIDTH_TAG,)),
+        ):
+            if value is not None:
+                others = {
+                    n: {k: v for k, v in space.items() if not any(key.fullmatch(_key(k)) for key in keys)}
+                    for n, space in tags.items()
+                }
+                tags = {**others, "": {**others.get("", {}), name: f"{value:.10g}"}}
+        every.append(tags)
+    return replace(info, band_tags=tuple(every))
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
     """A file's description with wavelength, width and full scale in the tags of each band, not of the dataset."""
-    dataset = _first(info.tags, _FULL_SCALE, "")
-    tags = []
-    for own, known in zip(info.band_tags, spectral_of(info), strict=True):
-        said = dict(own) if _stated(own, _WAVELENGTH, 1) else said_of_wavelength(own, known.wavelength, known.width)
-        if dataset and not _first(own, _FULL_SCALE, ""):
-            said[""] = {**said.get("", {}), "FULL_SCALE": dataset}
-        tags.append(said)
+    known = zip(info.band_tags, spectral_of(info), strict=True)
+    info = with_spectral(info, [Spectral() if _stated(own, _WAVELENGTH, 1) else found for own, found in known])
+    if not (full := _first(info.tags, _FULL_SCALE, "")):
+        return info
+    tags = ({**t, "": {"FULL_SCALE": _first(t, _FULL_SCALE, full), **t.get("", {})}} for t in info.band_tags)
     return replace(info, band_tags=tuple(tags))
 
 

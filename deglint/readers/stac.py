@@ -20,7 +20,7 @@ from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
 from .products.metadata import angle_tags, number, tags_of
-from .spectral import nanometres, said_of_wavelength
+from .spectral import Spectral, nanometres, with_spectral
 from .text import MOST_TEXT_BYTES, read_json
 
 _REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
@@ -53,12 +53,8 @@ class Asset:
         stored = plain and all("float" not in d for d in info.dtypes)
         bands = self.bands
         return replace(
-            info,
+            with_spectral(info, [Spectral(b.get("wavelength"), b.get("width")) for b in bands]),
             descriptions=tuple(d or b.get("name") for d, b in zip(info.descriptions, bands, strict=True)),
-            band_tags=tuple(
-                said_of_wavelength(tags, b.get("wavelength"), b.get("width"))
-                for tags, b in zip(info.band_tags, bands, strict=True)
-            ),
             tags={**info.tags, "": {**(self.tags or {}), **info.tags.get("", {})}},
             scales=tuple(b.get("scale", 1.0) for b in bands) if stored else info.scales,
             offsets=tuple(b.get("offset", 0.0) for b in bands) if stored else info.offsets,

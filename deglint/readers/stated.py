@@ -15,7 +15,7 @@ from ..checks import described
 from ..errors import InputError
 from ..raster import RasterInfo
 from .names import example_names
-from .spectral import SPECTRAL_RANGE, nanometres, said_of_wavelength
+from .spectral import SPECTRAL_RANGE, Spectral, nanometres, with_spectral
 
 Names = str | Sequence[str]
 Numbers = str | float | Sequence[float]
@@ -52,12 +52,11 @@ class Stated:
         """Whether names or wavelengths are given."""
         return bool(self.names or self.wavelengths)
 
-    def on(self, infos: Sequence[RasterInfo]) -> list[RasterInfo]:
-        """Store the properties in the descriptions of one or several files, in their order."""
+    def on(self, info: RasterInfo) -> RasterInfo:
+        """Store the properties in the description of the stacked bands."""
         if self == Stated():
-            return list(infos)
-        total = sum(info.count for info in infos)
-        path = ", ".join(info.paths[0] for info in infos)
+            return info
+        total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
         for option, count, example in (
             ("bands", len(self.names), f'"{example_names(total)}"; -b chooses bands'),
@@ -70,23 +69,13 @@ class Stated:
                     f"--{option} gives {count} and {path} has {total} band{'s' if total > 1 else ''}. Give one for "
                     f"each band, in the file's order: --{option} {example}."
                 )
-        done, at = [], 0
-        for info in infos:
-            part = slice(at, at + info.count)
-            at += info.count
-            wavelengths = self.wavelengths[part] or (None,) * info.count
-            tags = tuple(said_of_wavelength(t, w) for t, w in zip(info.band_tags, wavelengths, strict=True))
-            done.append(
-                replace(
-                    info,
-                    descriptions=self.names[part] or info.descriptions,
-                    band_tags=tags,
-                    scales=scales[part] or info.scales,
-                    offsets=offsets[part] or info.offsets,
-                    offset_given=bool(offsets) or info.offset_given,
-                )
-            )
-        return done
+        return replace(
+            with_spectral(info, [Spectral(w) for w in self.wavelengths]) if self.wavelengths else info,
+            descriptions=self.names or info.descriptions,
+            scales=scales or info.scales,
+            offsets=offsets or info.offsets,
+            offset_given=bool(offsets) or info.offset_given,
+        )
 
 
 def _names(given: Names | None) -> tuple[str, ...]:
