@@ -37,12 +37,8 @@ class Scratch:
     """Files that are written together, or not at all.
 
     Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
-    them all. The first file added is moved last: if it exists, so do the others.
-
-    Parameters
-    ----------
-    overwrite : bool
-        Replace existing files.
+    them all. The first file added is moved last: if it exists, so do the others. Existing files are replaced with
+    `overwrite` only.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:

@@ -150,17 +150,10 @@ class Footprints:
 
     They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
     Files are opened when they are first read. It can be pickled.
-
-    Parameters
-    ----------
-    paths : tuple of str or None
-        GDAL name of the mask of each band of the scene; None where there is none.
-    grid : RasterInfo
-        The grid of the scene.
     """
 
-    paths: tuple[str | None, ...]
-    grid: RasterInfo
+    paths: tuple[str | None, ...]  # GDAL name of the mask of each band of the scene; None where there is none
+    grid: RasterInfo  # of the scene
     _sources: dict[str, RasterSource] = field(default_factory=dict, compare=False, repr=False)
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:

@@ -106,7 +106,7 @@ def _stacked(
     info = stated.on(_together(infos, reference))
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
     found, preset, told = bands_of(info, stems, sensor)
-    if len(infos) > 1 or sensor is not None or stated.labels:
+    if len(infos) > 1 or sensor is not None or stated.count:
         info = labelled(info, found)
     return Scene(
         bands=tuple(found),

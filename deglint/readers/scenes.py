@@ -78,9 +78,8 @@ def _check_paths(origin: str, scenes: Sequence[ListedScene]) -> None:
 
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     ending = Path(text).suffix.lower()
-    product = name_of(text)
-    if product is not None:
-        yield ListedScene(checked_name(product, text), (text,))
+    if name_of(text) is not None:
+        yield ListedScene(_stem(text), (text,))
     elif _MAGIC.search(text) and not Path(text).exists():
         names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  (Path.glob knows no absolute patterns)
         if not names:
@@ -97,11 +96,8 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 
 def _stem(path: str) -> str:
     """The name of a product, else the file name in a GDAL name without its ending."""
-    product = name_of(path)
-    if product is not None:
-        return checked_name(product, path)
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
-    return checked_name(Path(last).stem or last, path)
+    return checked_name(name_of(path) or Path(last).stem or last, path)
 
 
 def checked_name(name: str, origin: str) -> str:

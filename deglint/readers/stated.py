@@ -45,17 +45,10 @@ class Stated:
     @property
     def count(self) -> int | None:
         """Number of bands that are given one by one."""
-        return max(map(len, (self.names, self.wavelengths)), default=0) or None
-
-    @property
-    def labels(self) -> bool:
-        """Whether names or wavelengths are given."""
-        return bool(self.names or self.wavelengths)
+        return max(len(self.names), len(self.wavelengths)) or None
 
     def on(self, info: RasterInfo) -> RasterInfo:
         """Store the properties in the description of the stacked bands."""
-        if self == Stated():
-            return info
         total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
         for option, count, example in (

@@ -83,11 +83,13 @@ class Container:
             )
         return data
 
-    def tree(self, member: str, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
-        """The metadata in a member; None where they are damaged or lack the element `needs`.
+    def tree(self, member: str | None, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
+        """The metadata in a member; None where there is none, or where they are damaged or lack the element `needs`.
 
-        Then `notes` get one line more, which ends with `otherwise`.
+        What is damaged is noted in `notes`, in a line that ends with `otherwise`.
         """
+        if member is None:
+            return None
         try:
             root = tree_of(self.read(member), member)
             if needs and root.find(f".//{needs}") is None:
@@ -96,6 +98,13 @@ class Container:
             notes.append(f"{error}{otherwise}")
             return None
         return root
+
+    def metadata(self, members: list[str], what: str, remedy: str, needs: str) -> tuple[ET.Element | None, list[str]]:
+        """The metadata in the first of some members; where they cannot be read, a note that ends with `remedy`."""
+        if not members:
+            return None, [f"{self.path} has no {what}: {remedy}"]
+        notes: list[str] = []
+        return self.tree(members[0], notes, f": {remedy}", needs=needs), notes
 
     def _bytes(self, member: str) -> bytes:
         if self.kind == "zip":

@@ -76,11 +76,8 @@ def _metadata(container: Container, files: list[str], level: str) -> tuple[ET.El
     remedy = "the numbers are taken as they stand. Download it again, or give --scale and --offset"
     if level == "2":
         remedy = f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed"
-    if not files:
-        return None, [f"{container.path} has no *_MTL.txt: {remedy}"]
-    chosen = min(files, key=lambda m: (not m.lower().endswith(".txt"), m))
-    notes: list[str] = []
-    return container.tree(chosen, notes, f": {remedy}", needs=_MTL_GROUPS[level][0]), notes
+    files = sorted(files, key=lambda m: (not m.lower().endswith(".txt"), m))
+    return container.metadata(files, "*_MTL.txt", remedy, _MTL_GROUPS[level][0])
 
 
 def _band(path: str, name: str, digit: str, level: str, root: ET.Element | None) -> ProductBand:

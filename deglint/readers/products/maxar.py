@@ -94,7 +94,7 @@ def _metadata(container: Container, stem: str) -> tuple[ET.Element | None, list[
     notes: list[str] = []
     for ending in (".imd", ".xml"):
         member = container.beside(stem, last(stem) + ending)
-        root = None if member is None else container.tree(member, notes)
+        root = container.tree(member, notes)
         if root is not None:
             root = next(root.iter("IMD"), root)
             if _letters(root):

@@ -27,6 +27,10 @@ FULL = 65535.0
 """Saturated value if the metadata do not give it."""
 _QUANTUM = 10_000.0
 """File value of reflectance 1 if the metadata do not give it."""
+_AS_STORED = (
+    "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
+    "--offset, or download the metadata again"
+)
 
 
 def find(container: Container) -> Product | None:
@@ -42,7 +46,9 @@ def find(container: Container) -> Product | None:
     granules = {_granule(n) for n in images} - {""}
     if len(granules) > 1:
         raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
-    root, notes = _root(container, metadata)
+    root, notes = container.metadata(
+        metadata, "MTD_MSIL1C.xml or MTD_MSIL2A.xml", _AS_STORED, "Product_Image_Characteristics"
+    )
     single = container.named in images
     chosen, left = _chosen(images, single=single)
     if left:
@@ -77,18 +83,6 @@ def _granule(member: str) -> str:
     """Path of the granule that a file belongs to, or ""."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
-
-
-def _root(container: Container, metadata: list[str]) -> tuple[ET.Element | None, list[str]]:
-    """The metadata of the product; if they cannot be read, notes on that."""
-    remedy = (
-        "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
-        "--offset, or download the metadata again"
-    )
-    if not metadata:
-        return None, [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {remedy}"]
-    notes: list[str] = []
-    return container.tree(metadata[0], notes, f": {remedy}", needs="Product_Image_Characteristics"), notes
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
@@ -160,8 +154,7 @@ def _mask(container: Container, band: str, file: str) -> str | None:
 def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
     """Directions of sun and satellite, seen from the ground: means over the tile, and over the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
-    otherwise = ": the angles of sun and satellite are not known"
-    root = None if member is None else container.tree(member, notes, otherwise)
+    root = container.tree(member, notes, ": the angles of sun and satellite are not known")
     if root is None:
         return {}
     sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
