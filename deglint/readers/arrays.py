@@ -196,16 +196,13 @@ def _floats(value: Any) -> list[float]:
 
 
 def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+    return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
 
 def _text(value: Any) -> str:
     """An attribute as text for a tag."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
-        return "{" + ", ".join(str(_plain(v)) for v in value) + "}"
-    return str(_plain(value))
+    value = _plain(value)
+    return "{" + ", ".join(str(_plain(v)) for v in value) + "}" if isinstance(value, (list, tuple)) else str(value)
 
 
 def _crs(array: Any, grid: Mapping[str, Any]) -> Any:

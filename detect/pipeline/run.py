@@ -22,7 +22,7 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import Reads, check_images, check_targets
-from deglint.readers.stated import Names, Numbers
+from deglint.readers.opening import Names, Numbers
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
