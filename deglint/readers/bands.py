@@ -81,12 +81,15 @@ def _spelled(name: str, place: int) -> float | None:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
+    """The bands filled from the preset that is given, else from the one that a tag of the dataset names if it fits."""
     if sensor is not None:
         asked = sensor_of(sensor)
         bands, notes = apply_sensor(bands, asked, unnamed)
         # the file of a sensor of one's own is its name: it is looked up again by it
         return bands, sensor if sensor.lower().endswith(".toml") else asked.name, notes
-    tagged = sensor_in_tags(info)
+    tags = (tag for space in info.tags.values() for tag in space.items())
+    named = (sensors.find(value) for name, value in tags if name.strip().lower() in _SENSOR_TAGS)
+    tagged = next(filter(None, named), None)
     if tagged is None:
         return bands, None, []
     try:
@@ -152,13 +155,6 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
         if seen[name.casefold()] > 1:
             names[i] = f"{name} ({seen[name.casefold()]})"
     return names, frozenset(unnamed)
-
-
-def sensor_in_tags(info: RasterInfo) -> Sensor | None:
-    """The preset named in a tag of the dataset (SATELLITEID, sensor type, platform ...), if any."""
-    tags = [tag for space in info.tags.values() for tag in space.items()]
-    named = (sensors.find(value) for name, value in tags if name.strip().lower() in _SENSOR_TAGS)
-    return next((sensor for sensor in named if sensor), None)
 
 
 def apply_sensor(

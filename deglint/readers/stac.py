@@ -161,11 +161,10 @@ def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
     `view:azimuth` is interpreted as the direction from the scene to the satellite, as in Items of Sentinel-2 and
     PlanetScope; the specification is ambiguous.
     """
-    names = "sun_elevation", "sun_azimuth", "incidence_angle", "off_nadir", "azimuth"
-    elevation, azimuth, incidence, off_nadir, view = (number(facts.get(f"view:{name}")) for name in names)
-    return angle_tags(
-        sun_elevation=elevation, sun_azimuth=azimuth, incidence=incidence, off_nadir=off_nadir, view_azimuth=view
-    )
+    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
+             "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
+    known: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
+    return angle_tags(**known)
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:

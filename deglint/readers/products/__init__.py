@@ -17,22 +17,7 @@ from ...raster import RasterInfo
 from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
 from .container import Container, is_archive, open_archive, open_folder
-from .product import Product, ProductBand, described
-
-__all__ = [
-    "PRODUCTS",
-    "OpenedFiles",
-    "Product",
-    "ProductBand",
-    "files_of",
-    "find",
-    "footprints",
-    "name_of",
-    "named",
-    "notes_of",
-    "opened",
-]
-
+from .product import Product, described
 
 _is_dir, _is_file = os.path.isdir, os.path.isfile  # False where a name is too long, where Path raises
 
