@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from deglint.errors import InputError, ReadError
+from deglint.raster.files import MOST_NESTED
 from deglint.raster.info import open_dataset
 from deglint.raster.local import TRUST
-from deglint.raster.vrt import MOST_NESTED
 from deglint.readers.text import read_text
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none", "--nir", "4")
@@ -198,7 +198,7 @@ def test_mosaics_of_mosaics_are_counted(deglint, folders):
 
 
 def test_a_flat_mosaic_of_many_files_is_no_such_thing(tmp_path, monkeypatch):
-    monkeypatch.setattr("deglint.raster.vrt.MOST_READS", 10)
+    monkeypatch.setattr("deglint.raster.files.MOST_READS", 10)
     sources = "".join(
         f'<SimpleSource><SourceFilename relativeToVRT="1">{i}.tif</SourceFilename></SimpleSource>' for i in range(50)
     )

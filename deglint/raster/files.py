@@ -1,21 +1,36 @@
 """The files behind a name: all files that GDAL reads when it opens a raster, including nested sources of VRTs.
 
 This serves three purposes: outputs never replace an input file (`deglint.raster.targets`), an input is identified by
-all of its files (`deglint.checksum`), and an untrusted raster cannot read files outside its own folder.
+all of its files (`deglint.checksum`), and an untrusted raster cannot read files outside its own folder. The sources of
+VRTs at any depth are found in their XML before GDAL opens them (GDAL 3.10 has no setting for this): an untrusted VRT
+must not read files outside its folder or on a server, nor contain itself.
 """
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from ..errors import InputError, ReadError
-from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, local
-from .vrt import Walk, is_vrt, sources_of
+from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, local, refuse, trusted
 
+MOST_READS = 100_000
+"""Most sources that are read for one band, if more than four times the number of files: nested mosaics multiply."""
+MOST_NESTED = 32
+"""Most levels of nested VRTs."""
+MOST_VRT_BYTES = 64 << 20
+_IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
+_ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
+_NESTED = "<vrtdataset"
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
+Sources = tuple[tuple[str, ...], ...]
+"""Names of the sources of a VRT: those of the dataset, then those of each band."""
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
@@ -100,3 +115,169 @@ def _walk_of(dataset: Any, name: str) -> Walk:
             text = dataset.tags(ns="xml:VRT").get("xml:VRT", "")
             walk.follow(sources_of(text, walk.folder, name))
     return walk
+
+
+@dataclass
+class Walk:
+    """Recursive search of the sources of a VRT, which checks each and counts the reads for a band."""
+
+    folder: str
+    found: dict[str, None] = field(default_factory=dict)
+    _reads: dict[str, int] = field(default_factory=dict)
+    _open: list[str] = field(default_factory=list)
+
+    def start(self, name: str) -> None:
+        """Search a local VRT."""
+        sources = _parsed(name, _stamp(name))
+        self._open.append(_key(name))
+        reads = self.follow(sources)
+        if reads > MOST_READS and reads > 4 * len(self.found):
+            raise InputError(
+                f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
+                f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
+            )
+
+    def follow(self, sources: Sources) -> int:
+        """Check sources, including nested VRTs; return the most reads for one band."""
+        whole, *bands = (sum(map(self._reads_of, names)) for names in sources)
+        return whole + max(bands, default=0)
+
+    def _reads_of(self, name: str) -> int:
+        """Files that are read for a source: one, or those of a nested VRT."""
+        if name not in self.found:
+            self.found[name] = None
+            self._check(name)
+        if name not in self._reads:
+            nested = _inner(name)
+            if not nested:
+                return self._reads.setdefault(name, 1)
+            if _key(name) in self._open:
+                return 0  # it holds itself; GDAL stops there
+            if len(self._open) >= MOST_NESTED:
+                raise InputError(
+                    f"VRTs lie in VRTs more than {MOST_NESTED} deep. Make one raster of it: gdal_translate."
+                )
+            self._open.append(_key(name))
+            self._reads[name] = self.follow(nested)
+            self._open.pop()
+        return self._reads[name]
+
+    def _check(self, name: str) -> None:
+        check_kind(name)
+        if name.lower().startswith(("vrt://", _NESTED)):
+            return  # what it names is checked
+        if "any" in trusted():
+            return
+        if name.startswith("/vsi") and os.path.normpath(name).startswith(os.path.normpath(self.folder) + "/"):
+            return  # beside the VRT on its server, or in its archive
+        inside = local(name)
+        elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
+        if is_odd(name) and not Path(name).exists() and elsewhere:
+            refuse(name, self.folder)
+        for file in inside or [name]:
+            check_place(file, self.folder, "a VRT")
+
+
+def _inner(name: str) -> Sources:
+    """The sources of a source that is itself a VRT; else none."""
+    if name.lower().startswith(_NESTED):
+        return sources_of(name, "", "a VRT")
+    if name.lower().startswith("vrt://"):
+        return ((name[6:].partition("?")[0],),)
+    return _parsed(name, _stamp(name)) if is_vrt(name) else ()
+
+
+def _key(name: str) -> str:
+    return name if name.lower().startswith((_NESTED, "vrt://")) else os.path.realpath(name)
+
+
+def _stamp(name: str) -> tuple[int, int, int]:
+    found = Path(name).stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def is_vrt(name: str) -> bool:
+    """Whether GDAL would treat a local file as a VRT: the first kilobytes contain its root element."""
+    try:
+        if not Path(name).is_file():
+            return False
+        with Path(name).open("rb") as file:
+            return b"<VRTDataset" in file.read(4096)
+    except (OSError, ValueError):
+        return False
+
+
+@lru_cache(maxsize=256)
+def _parsed(name: str, stamp: tuple[int, int, int]) -> Sources:
+    """The sources of a local VRT; cached until the file changes."""
+    if stamp[1] > MOST_VRT_BYTES:
+        raise InputError(f"{name} is a VRT of {stamp[1] >> 20} MB; allowed are {MOST_VRT_BYTES >> 20} MB.")
+    try:
+        data = Path(name).read_bytes()
+    except OSError as error:
+        raise ReadError(f"cannot read {name}: {error.strerror}.") from error
+    folder = str(Path(name).parent)
+    try:
+        return sources_of(data.decode(), folder, name)
+    except UnicodeDecodeError:
+        found = sources_of(data.decode("latin-1"), folder, name)
+    if not all(source.isascii() for sources in found for source in sources):
+        raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.")
+    return found
+
+
+def sources_of(text: str, folder: str, name: str) -> Sources:
+    """The sources named in the XML of a VRT.
+
+    XML that GDAL's parser might read differently is rejected: entities, or incomplete documents.
+    """
+    try:
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:
+            raise ValueError("it declares entities")
+        start = text.index("<VRTDataset")
+        root = ET.fromstring(text[start:].rstrip("\0 \n\r\t"))
+    except (ValueError, ET.ParseError, RecursionError) as error:
+        raise ReadError(f"cannot read {name[:200]}: its XML is damaged ({error}). Make the VRT again.") from error
+    whole: list[str] = []
+    bands = []
+    for top in root:
+        named = [source for element in top.iter() for source in _named(element, folder)]
+        if _tag(top) == "vrtrasterband":
+            bands.append(tuple(named))
+        else:
+            whole += named
+    return tuple(whole), *bands
+
+
+def _named(element: ET.Element, folder: str) -> Iterator[str]:
+    """File names that GDAL might read from an element; there may be several if it has child elements."""
+    tag, text = _tag(element), "".join(element.itertext())
+    key = (_attribute(element, "name") or _attribute(element, "key")).lower()
+    named = tag in ("argument", "mdi") and ("filename" in key or key in ("x_dataset", "y_dataset"))
+    if not (named or tag in _ANYWHERE):
+        return
+    flags = [_attribute(element, "relativetovrt")] + [c.text or "" for c in element if _tag(c) == "relativetovrt"]
+    relative = any(re.match(r"\s*[+-]?0*[1-9]", flag) for flag in flags)
+    for spelled in dict.fromkeys((element.text or "", text, *(child.tail or "" for child in element))):
+        if name := spelled.strip():
+            yield _beside(name, folder) if relative else name
+
+
+def _beside(name: str, folder: str) -> str:
+    """A name relative to a VRT's folder, resolved as GDAL does."""
+    if name.lower().startswith("vrt://"):
+        return "vrt://" + _beside(name[6:], folder)
+    quoted = re.fullmatch(r'([A-Za-z][\w+.-]+:)("?)([^":]*)("?)(:.*)?', name)
+    if quoted and not (Path(folder) / name).exists():
+        head, first, file, last, tail = quoted.groups()
+        return f"{head}{first}{os.path.join(folder, file)}{last}{tail or ''}"  # noqa: PTH118
+    return os.path.join(folder, name)  # noqa: PTH118  (a GDAL name stays one)
+
+
+def _tag(element: ET.Element) -> str:
+    return str(element.tag).rpartition("}")[2].rpartition(":")[2].lower()
+
+
+def _attribute(element: ET.Element, name: str) -> str:
+    """An attribute by name; case is ignored, as in GDAL."""
+    return next((v for k, v in element.attrib.items() if k.lower() == name), "")

@@ -10,7 +10,7 @@ import re
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -98,18 +98,14 @@ class RasterInfo:
 
 
 @contextmanager
-def quiet(category: type[Warning]) -> Iterator[None]:
-    """Ignore warnings of a category; for one thread at a time, as Python's warning filters are global."""
+def quiet() -> Iterator[None]:
+    """Ignore the warnings of libraries about a file, such as rasterio's about rasters without georeferencing.
+
+    One thread at a time is in the block, as Python's warning filters are global.
+    """
     with _opening, warnings.catch_warnings():
-        warnings.simplefilter("ignore", category)
+        warnings.simplefilter("ignore", UserWarning)
         yield
-
-
-def unplaced() -> AbstractContextManager[None]:
-    """Ignore rasterio's warning about rasters without georeferencing."""
-    from rasterio.errors import NotGeoreferencedWarning
-
-    return quiet(NotGeoreferencedWarning)
 
 
 def open_dataset(path: str) -> Any:
@@ -118,7 +114,7 @@ def open_dataset(path: str) -> Any:
 
     check_before(path)
     try:
-        with unplaced():
+        with quiet():
             dataset = rasterio.open(path, sharing=False)
     except gdal_errors(OSError, ValueError) as error:
         raise ReadError(_why_not_opened(path, error)) from error

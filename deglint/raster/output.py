@@ -21,7 +21,7 @@ from .. import __version__
 from ..errors import WriteError
 from ..scene import Window
 from .failing import check_whole, free_bytes, refusals, write_errors
-from .info import RasterInfo, unplaced
+from .info import RasterInfo, quiet
 from .scratch import Scratch
 
 BLOCK = 512
@@ -41,6 +41,8 @@ and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a profile that are not creation options: a copy takes them from its source."""
+_UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
+"""Entries of a profile for a file without compression, which is applied when the blocks are arranged."""
 
 
 def levels(height: int, width: int) -> list[int]:
@@ -113,11 +115,12 @@ class RasterWriter:
         self._dataset: Any = None
         try:
             with refusals(target, layout.options), write_errors(target):
-                with unplaced():
+                with quiet():
                     self._dataset = rasterio.open(path, "w", **profile)
                     if layout.overviews:  # the options are possible; they count when the blocks are put in order
                         self._dataset.close()
-                        self._dataset = rasterio.open(path, "w", **_plain_profile(profile, layout))
+                        plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
+                        self._dataset = rasterio.open(path, "w", **plain)
                 _describe(self._dataset, layout)
                 if layout.masked:
                     # the mask's header goes before the data, too
@@ -183,7 +186,7 @@ class Layer:
             "driver": "GTiff", "dtype": self.array.dtype.name, "count": count, "height": height, "width": width,
             "compress": "deflate", "predictor": 3 if self.array.dtype.kind == "f" else 2,
         }  # fmt: skip
-        with unplaced(), rasterio.open(path, "w", **profile, **options) as out:
+        with quiet(), rasterio.open(path, "w", **profile, **options) as out:
             out.write(self.array)
             out.update_tags(MEANING=self.meaning, SOFTWARE=f"deglint {__version__}", **self.tags)
             out.descriptions = self.names
@@ -288,13 +291,6 @@ def _profile(layout: Layout) -> dict[str, Any]:
             profile["predictor"] = info.predictor
     given = {str(k).lower(): v for k, v in layout.options.items() if str(k).lower() != "overviews"}
     return {k: v for k, v in profile.items() if k.lower() not in given and v is not None} | given
-
-
-def _plain_profile(profile: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
-    """The profile without compression, which is applied when the blocks are arranged."""
-    rows, columns = layout.block
-    kept = {k: v for k, v in profile.items() if k.lower() in (*_OF_CONTENT, "interleave")}
-    return kept | {"tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER"}
 
 
 def _describe(dataset: Any, layout: Layout) -> None:

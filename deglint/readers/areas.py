@@ -20,7 +20,7 @@ import numpy.typing as npt
 from ..checks import nearest
 from ..errors import InputError, ReadError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe_file, gdal_errors, one_line, unplaced
+from ..raster.info import describe_file, gdal_errors, one_line, quiet
 from ..scene import Scene, Window
 from .grid import at, corners_of, nearest_on, same_grid
 from .text import read_json
@@ -176,7 +176,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
     from rasterio.transform import Affine
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
-    with unplaced():
+    with quiet():
         found = list(shapes(mask.astype(np.uint8), mask=mask, transform=moved))
     return [{"type": "Feature", "properties": {"use": "sample"}, "geometry": shape} for shape, _ in found]
 

@@ -237,7 +237,7 @@ def _black_level(path: str) -> float | None:
     from PIL.TiffImagePlugin import TiffImageFile
 
     try:
-        with quiet(UserWarning), TiffImageFile(path) as image:
+        with quiet(), TiffImageFile(path) as image:
             values = np.atleast_1d(image.tag_v2[_BLACK_LEVEL]).astype(np.float64)
     except (OSError, ValueError, TypeError, KeyError, SyntaxError):
         return None
