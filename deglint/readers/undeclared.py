@@ -115,8 +115,6 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
     """The value that all bands share in areas, as nodata of the bands that have it nowhere else."""
-    from scipy import ndimage
-
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:
@@ -128,8 +126,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
         total, fill = total + here.size, fill + int(here.sum())
         single += (raw == value).sum(axis=(1, 2))
         areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
-        neighbours = ndimage.binary_dilation(here, np.ones((3, 3))) & ~here
-        beside.append(raw[:, neighbours].mean(axis=0, dtype=float))
+        beside.append(raw[:, _beside(here)].mean(axis=0, dtype=float))
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
     least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
     if not least * total <= areas < total or all(n is None for n in nodatas):
@@ -156,6 +153,13 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
     return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
 
 
+def _beside(mask: Mask) -> Mask:
+    """Neighbours of the pixels of a mask."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))).view(np.bool_) & ~mask
+
+
 def _solid(mask: Mask) -> Mask:
     """Pixels in squares of SOLID pixels: areas, not saturated sparkle."""
     import cv2
@@ -166,14 +170,17 @@ def _solid(mask: Mask) -> Mask:
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
     """Pixels that are connected, within the tile, to the edge of the image."""
-    from scipy import ndimage
+    import cv2
 
     rim = np.zeros_like(mask)
     rim[0] |= tile.row0 == 0
     rim[-1] |= tile.row1 == scene.height
     rim[:, 0] |= tile.col0 == 0
     rim[:, -1] |= tile.col1 == scene.width
-    return np.asarray(ndimage.binary_propagation(mask & rim, mask=mask))
+    if not (mask & rim).any():
+        return np.zeros_like(mask)
+    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
+    return mask & np.isin(labels, np.unique(labels[mask & rim]))
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
