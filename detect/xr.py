@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
-from deglint.pipeline.chunks import over_tiles
+from deglint.pipeline.chunks import detached, over_tiles
 from deglint.readers.arrays import open_array
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
@@ -26,10 +26,9 @@ from deglint.xr import need_xarray
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
-from .pipeline.plan import fit_sea, make_plan
-from .pipeline.run import fit_background
+from .pipeline.fit import fit_background, fitted
+from .pipeline.plan import make_plan
 from .pipeline.scoring import Scoring
-from .rx import detector
 
 
 @checked_keywords()
@@ -112,21 +111,15 @@ def score(
     if background is None or recipe.mask == "water":  # else nothing is computed yet
         opened = replace(opened, scene=settled(opened.scene))
     plan = make_plan(opened.scene, recipe, threads or default_threads())
-    recipe, ready = plan.recipe, None
-    if plan.sea is not None:
-        plan = replace(plan, sea=fit_sea(plan))
-    elif plan.rule is None:
-        fitted = background or plan.given or fit_background(plan)
-        if fitted.bands != len(plan.bands):
-            raise InputError(f"the background has {fitted.bands} bands, the array is used with {len(plan.bands)}.")
-        ready = detector(recipe.method, fitted, drop=recipe.drop, nir=plan.nir)
-    bare = replace(opened.scene, source=None)  # type: ignore[arg-type]
-    work = Scoring(replace(plan, scene=bare, tiles=[]), ready, None, None, False)
+    if background is not None and plan.recipe.kind.matrices and background.bands != len(plan.bands):
+        raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
+    plan = fitted(replace(plan, given=background or plan.given))
+    work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
     reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
     reach += plan.mask.water.halo if plan.mask.water else 0
     step = CELL if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
-    return opened.plane(scores[0], recipe.method)
+    return opened.plane(scores[0], plan.recipe.method)
 
 
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:

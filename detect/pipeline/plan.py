@@ -23,6 +23,7 @@ from deglint.tiles import Tile
 from .. import sea
 from ..background import Background
 from ..local import CELL, WindowRule
+from ..rx import Detector
 from .recipe import WINDOW, Recipe
 
 Mask = npt.NDArray[np.bool_]
@@ -42,37 +43,18 @@ _OTHERS: dict[str, tuple[Any, str]] = {
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
 """Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
-_UNKNOWN = 10.0
+UNKNOWN_PIXEL = 10.0
 """Assumed side of a pixel where the scene has no CRS [m]."""
-_SAMPLE_BLOCK = 1024
-"""Side of the blocks that the statistics of water are fitted to [pixel]."""
-_BLOCKS = 4
-"""Number of blocks for the fit; half of their area must be water."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeaPlan:
-    """Options and model of a search of the sea.
+    """Options and model of a search of the sea."""
 
-    Attributes
-    ----------
-    rule : SeaRule
-        Size of a pixel and of the largest floating object.
-    area : float
-        Area of a pixel [m2]; NaN where the scene has no CRS.
-    side : str or None
-        As `detect.sea.fit`; None: determined from the size of a pixel.
-    model : SeaModel or None
-        None until it is fitted.
-    nir : tuple of int
-        0-based NIR bands, which measure the glint of a pixel.
-    """
-
-    rule: sea.SeaRule
-    area: float
-    side: str | None = None
-    model: sea.SeaModel | None = None
-    nir: tuple[int, ...] = ()
+    rule: sea.SeaRule  # sizes of a pixel and of the largest floating object
+    area: float  # of a pixel [m2]; NaN where the scene has no CRS
+    nir: tuple[int, ...]  # 0-based NIR bands, which measure the glint of a pixel
+    model: sea.SeaModel | None = None  # None until it is fitted
 
     @property
     def pixel(self) -> float | None:
@@ -91,7 +73,8 @@ class Plan:
 
     `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
     (None: everywhere), unless `given` holds one. `rule` is the window of local RX, `sea` the plan of a search of the
-    sea; both are None for other methods.
+    sea; both are None for other methods. `background` and `ready` are None until they are fitted, and for methods that
+    have no background for the whole scene.
     """
 
     scene: Scene
@@ -105,8 +88,20 @@ class Plan:
     area: Area | None
     given: Background | None
     rule: WindowRule | None
-    notes: tuple[str, ...] = ()
-    sea: SeaPlan | None = None
+    notes: tuple[str, ...]
+    sea: SeaPlan | None
+    background: Background | None = None
+    ready: Detector | None = None
+
+    @property
+    def law(self) -> tuple[int, int] | None:
+        """Degrees of freedom of the scores of a normal background, and number of pixels in the statistics."""
+        if not self.recipe.kind.law:
+            return None
+        if self.ready is not None and self.background is not None:
+            return self.ready.rank, self.background.n
+        inner, outer = self.recipe.window
+        return len(self.bands), outer * outer - inner * inner
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,13 +129,7 @@ class Masking:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene.
-
-    Raises
-    ------
-    BandError, InputError, ReadError, NoWaterError
-        A band, file or window cannot be used, or a scene without water is to be searched on water.
-    """
+    """Choose detector, bands, mask and tiles for a scene."""
     recipe, mask, notes = _chosen(scene, recipe, threads)
     given, area = _background(scene, recipe)
     bands = _bands(scene, recipe, given)
@@ -161,14 +150,14 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if rule is not None:
         shape = _local_shape(shape, scene, threads)
-    of_sea = plan_sea(scene, recipe) if recipe.method == "sea" else None
-    if of_sea is not None:
-        shape = (SEA_TILE, SEA_TILE)
+    search = None
+    if recipe.method == "sea":
+        search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)
     if recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), of_sea)
+    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), search)
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
@@ -177,7 +166,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
         mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
         recipe = replace(recipe, mask=mask)
         return recipe, _masking(scene, recipe, threads), []
-    why = why_not_sea(scene, recipe)
+    method, why = _without_sea(recipe, len(recipe.bands or scene.bands))
     if not why:
         try:
             searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
@@ -188,7 +177,6 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
             if recipe.mask not in ("auto", "water"):
                 raise
             why = str(error).split(". ", 1)[0]
-    _option, method = _of_option(recipe) or ("", "rx")
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
     recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
@@ -253,32 +241,24 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
     return rows * CELL, columns * CELL
 
 
-def plan_sea(scene: Scene, recipe: Recipe) -> SeaPlan:
+def _sea_plan(scene: Scene, recipe: Recipe) -> SeaPlan:
     """Pixel size, size of floating objects, and NIR bands of a scene for a search of the sea; not yet fitted."""
-    known = ground_area(scene.transform, scene.crs, scene.height, scene.width)
-    area = known or float("nan")
-    pixel = float(np.sqrt(area)) if known else _UNKNOWN
-    side = None if recipe.side == "auto" else recipe.side
+    area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
+    pixel = float(np.sqrt(area)) if area else UNKNOWN_PIXEL
     nir = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and _NIR[0] <= b.wavelength <= _NIR[1])
-    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area, side, nir=nir)
+    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area or float("nan"), nir)
 
 
-def _of_option(recipe: Recipe) -> tuple[str, str] | None:
-    """The first given option that "sea" does not have, and the detector that has it; None if there is none."""
-    given = (pair for pair in _OTHERS.items() if getattr(recipe, pair[0]) != pair[1][0])
-    return next(((name, method) for name, (_usual, method) in given), None)
-
-
-def why_not_sea(scene: Scene, recipe: Recipe) -> str:
-    """Reason in the options why "auto" does not search the sea; "" if there is none."""
-    if of_option := _of_option(recipe):
-        return f"--{of_option[0]} is an option of it"
+def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
+    """Detector that the options ask for in place of "sea", and why; "rx" and "" where they leave the choice open."""
+    for name, (usual, method) in _OTHERS.items():
+        if getattr(recipe, name) != usual:
+            return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
-        return f"--threshold {recipe.threshold} is the law of its scores"
-    count = len(recipe.bands or scene.bands)
-    if count > _MANY:
-        return f"{count} bands tell targets by their spectrum"
-    return ""
+        return "rx", f"--threshold {recipe.threshold} is the law of its scores"
+    if bands > _MANY:
+        return "rx", f"{bands} bands tell targets by their spectrum"
+    return "rx", ""
 
 
 def visible_bands(scene: Scene) -> tuple[int, ...]:
@@ -307,66 +287,3 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
         return None
     same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
     return (rule, bands) if rule.has_water and same else None
-
-
-def read_sea(plan: Plan, tile: Tile, bands: Any) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
-    """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
-    assert plan.sea is not None
-    block = plan.scene.source.read(tile.window, list(bands))
-    valid = np.asarray(np.isfinite(block).all(axis=0))
-    mask = plan.mask.read(plan.scene, tile)
-    water = valid if mask is None else np.logical_and(mask, valid)
-    return block, sea.region(water, plan.sea.rule, valid)
-
-
-def read_nir(plan: Plan, tile: Tile) -> npt.NDArray[Any]:
-    """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
-    assert plan.sea is not None
-    return plan.scene.source.read(tile.window, list(plan.sea.nir)) if plan.sea.nir else np.zeros((0, *tile.shape))
-
-
-def fit_sea(plan: Plan) -> SeaPlan:
-    """Fit the statistics of water; in a large scene, to a sample of blocks with water.
-
-    Raises
-    ------
-    NoWaterError
-        There is no water in the blocks.
-    """
-    assert plan.sea is not None
-    scene, blocks, nir = plan.scene, [], []
-    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
-    if len(everything) > 1:
-        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
-    few = _BLOCKS * _SAMPLE_BLOCK**2 // 2
-    held = 0
-    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
-        block, classes = read_sea(plan, tile, plan.bands)
-        count = int(np.count_nonzero(classes == sea.WATER))
-        if not count:
-            continue
-        blocks.append((block, classes))
-        nir.append(read_nir(plan, tile))
-        held += count
-        if held >= few and len(blocks) >= _BLOCKS:
-            break
-    if not blocks:
-        raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
-    known = nir if plan.sea.nir else ()
-    return replace(plan.sea, model=sea.fit(blocks, pixel=plan.sea.pixel, side=plan.sea.side, nir=known))
-
-
-def explain(plan: Plan) -> list[str]:
-    """Notes on a search of the sea, one line each; empty for other methods."""
-    found = plan.sea
-    if found is None or found.model is None:
-        return []
-    size = f"{found.rule.pixel:.3g} m" if found.pixel else f"of unknown size, taken as {_UNKNOWN:g} m"
-    what = "brighter or darker" if found.model.side == "both" else "brighter"
-    means = f", also as means of {', '.join(map(str, found.model.scales[1:]))} pixels" if found.model.scales[1:] else ""
-    even = ", relative to water of the same NIR" if found.model.glint else ""
-    floats = f"{found.rule.length:g} m by {found.rule.width:g} m"
-    return [
-        f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
-        f"sea: searched for what is {what} than the water within {sea.SEA_WINDOW} pixels{means}{even}",
-    ]

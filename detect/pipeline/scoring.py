@@ -15,10 +15,11 @@ from .. import sea
 from .. import threshold as cutting
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
-from ..rx import Detector, score
+from ..rx import score
 from ..threshold import Tail
+from .fit import read_nir, read_sea
 from .mark import Places
-from .plan import Plan, read_nir, read_sea
+from .plan import Plan, SeaPlan
 
 Mask = npt.NDArray[np.bool_]
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
@@ -94,16 +95,11 @@ class Highest:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """Function that scores a tile, shared by the threads. Only `lines` and `highest` have a state.
-
-    `law` describes the scores of a normal background: degrees of freedom, and number of pixels in the statistics.
-    """
+    """Function that scores a tile, shared by the threads. Only `lines` and `highest` have a state."""
 
     plan: Plan
-    ready: Detector | None
-    law: tuple[int, int] | None
-    highest: Highest | None
-    want_p: bool
+    highest: Highest | None = None
+    want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
 
@@ -111,18 +107,18 @@ class Scoring:
         """Read a tile, score it, and count."""
         plan, states = self.plan, None
         if plan.sea is not None:
-            return self._of_sea(tile)
+            return self._of_sea(tile, plan.sea)
         if plan.rule is not None:
             scores, block, mask, states = self._of_rings(tile)
         else:
             mask = plan.mask.read(plan.scene, tile)
             block = plan.scene.source.read(tile.window, list(plan.bands))
-            scores = score(block, self.ready, mask) if self.ready else self._of_lines(block, mask)
+            scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
         tail = self.highest.of(found) if self.highest else None
         p_values = flags = None
-        if self.want_p and self.law:
-            p_values = cutting.fast_p_value(found, *self.law).astype(np.float32)
+        if self.want_p and plan.law:
+            p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
@@ -150,16 +146,15 @@ class Scoring:
             block = np.where(mask, block, np.nan)
         return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
 
-    def _of_sea(self, tile: Tile) -> Scored:
+    def _of_sea(self, tile: Tile, search: SeaPlan) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
-        assert plan.sea is not None
-        assert plan.sea.model is not None
-        outer = tile.grown(plan.sea.halo, plan.scene.height, plan.scene.width)
-        block, classes = read_sea(plan, outer, plan.bands)
+        assert search.model is not None
+        outer = tile.grown(search.halo, plan.scene.height, plan.scene.width)
+        block, classes = read_sea(plan, search, outer)
         core = tile.within(outer)
-        nir = read_nir(plan, outer) if plan.sea.model.glint is not None else None
-        scores = sea.score(block, classes, plan.sea.model, nir)[core]
+        nir = read_nir(plan, search, outer) if search.model.glint is not None else None
+        scores = sea.score(block, classes, search.model, nir)[core]
         classes, valid = classes[core], np.isfinite(block[core]).all(axis=0)
         tail = None
         if self.highest is not None:

@@ -11,10 +11,10 @@ from deglint.errors import DeglintError
 from deglint.pipeline.outputs import versions
 from deglint.readers.text import read_json
 
-from ..background import Background
 from ..local import STATES
+from ..sea import SEA_WINDOW
 from ..threshold import Threshold
-from .plan import Plan, explain
+from .plan import UNKNOWN_PIXEL, Plan, SeaPlan
 from .recipe import Outputs
 from .scoring import MEANINGS, PixelCounts
 
@@ -27,9 +27,8 @@ _FEW_PIXELS = 10
 
 
 def describe(
-    plan: Plan, targets: Outputs, background: Background | None, threshold: Threshold | None, tally: PixelCounts,
-    checksum: Checksum,
-) -> dict[str, Any]:  # fmt: skip
+    plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
+) -> dict[str, Any]:
     """Versions, inputs, options and results of a run as plain values for JSON."""
     recipe = asdict(plan.recipe)
     recipe["bands"] = list(plan.names)
@@ -38,7 +37,7 @@ def describe(
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner
     water = plan.mask.water
-    numbers = background.numbers() if background else None
+    numbers = plan.background.numbers() if plan.background else None
     if numbers and len(plan.bands) > _MOST_BANDS:
         numbers["covariance"] = "left out: --save-background writes it"
     return {
@@ -57,22 +56,36 @@ def describe(
     }
 
 
-def notes_on(plan: Plan, background: Background | None) -> list[str]:
+def notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
-    notes = [*explain(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
-    if background is not None:
+    notes = [*_sea_notes(plan.sea), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
         notes.append(f"background: {where}, rank {background.rank} of {background.bands}{shrunk}")
     return notes
 
 
-def warnings_of(
-    plan: Plan, background: Background | None, threshold: Threshold | None, tally: PixelCounts
-) -> list[str]:
+def _sea_notes(search: SeaPlan | None) -> list[str]:
+    """Notes on a search of the sea; empty for other methods."""
+    if search is None or search.model is None:
+        return []
+    size = f"{search.rule.pixel:.3g} m" if search.pixel else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+    what = "brighter or darker" if search.model.side == "both" else "brighter"
+    means = search.model.scales[1:]
+    also = f", also as means of {', '.join(map(str, means))} pixels" if means else ""
+    even = ", relative to water of the same NIR" if search.model.glint else ""
+    floats = f"{search.rule.length:g} m by {search.rule.width:g} m"
+    return [
+        f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
+        f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{also}{even}",
+    ]
+
+
+def warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:
     """Warnings about the reliability of the scores."""
     said = []
-    if background is not None:
+    if background := plan.background:
         if background.rank < background.bands:
             said.append(
                 f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
@@ -88,12 +101,12 @@ def warnings_of(
             said.append(f"{count} of {tally.total} pixels: {STATES[state]}")
     if threshold is not None:
         said += threshold.notes
-    if line := deglinted(plan):
+    if line := _removal_without_effect(plan):
         said.append(line)
     return said
 
 
-def deglinted(plan: Plan) -> str | None:
+def _removal_without_effect(plan: Plan) -> str | None:
     """Warning that the glint removal of the input does not change the scores; None where it does.
 
     Invariant detectors give the scores of the glinted scene if the removal was linear and its NIR is in use.
