@@ -2,7 +2,8 @@
 
     scores = detect.xr.rx(scene)  # fits the background now, scores when computed
 
-The same functions of a tile run as in `rxdetect score`, with the same numbers to the bit. Never here: files.
+Tiles are scored by the same functions as in `rxdetect score`, so the scores are the same to the bit. This module opens
+no files.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def fit(
     array : DataArray
         As `deglint.xr.fit` takes it.
     recipe : Recipe or str
-        What to do, or a method's name.
+        Options, or the name of a method.
     sensor, nodata, threads
         As `deglint.xr.fit`.
 
@@ -86,16 +87,16 @@ def score(
     array : DataArray
         As `deglint.xr.fit` takes it.
     recipe : Recipe or str
-        What to do, or a method's name; what concerns thresholds and objects is not looked at.
+        Options, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
-        Fitted before, to this scene or another; by default fitted to this one, now.
+        A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
     sensor, nodata, threads
         As `deglint.xr.fit`.
 
     Returns
     -------
     (y, x) DataArray of float32
-        NaN where not valid or not to be scored.
+        NaN where a pixel is not valid, or outside the mask.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     array : DataArray
         As `deglint.xr.fit` takes it.
     background : Background, optional
-        Fitted before, to this scene or another.
+        A background fitted earlier, to this scene or another.
     **options
         covariance, ridge, bands, mask, ...: fields of `detect.pipeline.Recipe`.
 
@@ -146,7 +147,7 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:
-    """A recipe, also of a method's name; an error where xarray is missing."""
+    """The recipe, made from the name of a method if that is given; an error where xarray is missing."""
     need_xarray()
     return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 

@@ -29,7 +29,7 @@ class Light:
     """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
 
     direct: Array  # irradiance of a level plane by the sun
-    diffuse: Array  # and by the sky
+    diffuse: Array  # irradiance of a level plane by the sky
     normal: Array  # irradiance of a plane that faces the sun, by the sun alone
     background: Array  # radiance out of the deep water
     target: Array  # radiance out of the water over the object

@@ -40,9 +40,9 @@ class FloatingTarget:
     right, down : float
         Position of its centre at the time of the first band, from the upper left corner of the image [m].
     length, width : float
-        [m]
+        Size of the hull [m].
     speed : float
-        [m/s]
+        Speed [m/s].
     heading : float
         Azimuth of its bow and of its motion [degree], clockwise from north; north is up.
     material : str
@@ -72,13 +72,6 @@ class FloatingTarget:
         azimuth = np.radians(self.heading)
         way = self.speed * time
         return self.right + way * float(np.sin(azimuth)), self.down - way * float(np.cos(azimuth))
-
-    def along_and_across(self, time: float, right: Array, down: Array) -> tuple[Array, Array]:
-        """Distance of points ahead of its centre, and to starboard of it [m]."""
-        azimuth = np.radians(self.heading)
-        at = self.place(time)
-        east, north = right - at[0], at[1] - down
-        return east * np.sin(azimuth) + north * np.cos(azimuth), east * np.cos(azimuth) - north * np.sin(azimuth)
 
 
 class Cover:
@@ -126,9 +119,11 @@ class Cover:
         part = labels[rows, columns]
         if not part.size:
             return
-        y = (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
-        x = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet
-        along, across = target.along_and_across(time, x, y)
+        north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
+        east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
+        azimuth = np.radians(target.heading)
+        along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target
+        across = east * np.cos(azimuth) - north * np.sin(azimuth)  # and to its starboard
         half = 0.5 * target.width
         if target.wake > 0:
             behind = (-0.5 * target.length - along) / target.wake

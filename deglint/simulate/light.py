@@ -27,7 +27,7 @@ class Light:
 
     normal: Array  # irradiance of a plane that faces the sun, by the sun alone, (band,)
     direct: Array  # irradiance of a level plane by the sun, (band,)
-    diffuse: Array  # and by the sky
+    diffuse: Array  # irradiance of a level plane by the sky, (band,)
     water: Array  # radiance out of the water where it is deep, (band,)
     objects: Array  # radiance out of the water over each object, (object, band)
     depths: Array  # of the columns of `bottom` [m], (depth,); empty without one

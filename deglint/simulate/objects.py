@@ -1,4 +1,4 @@
-"""Targets under water: where they are, how deep, and how bright. Flat, matt and wide against their depth."""
+"""Submerged objects: flat Lambertian surfaces that are wide relative to their depth."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class SubmergedObject:
     Attributes
     ----------
     corners : tuple of (float, float)
-        Of its outline: right of and below the upper left corner of the image [m].
+        Outline: distances to the right of and below the upper left corner of the image [m].
     reflectance : float
         0 to 1, the same at all wavelengths.
     depth : float
-        [m]
+        Below the surface [m].
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -42,7 +42,7 @@ class SubmergedObject:
     def check_inside(self, height: float, width: float) -> None:
         """Check that an object lies within a scene of this size [m].
 
-        Raises InputError: it does.
+        Raises InputError: it does not.
         """
         right, down = np.asarray(self.corners, dtype=np.float64).T
         if right.min() < 0 or down.min() < 0 or right.max() > width or down.max() > height:

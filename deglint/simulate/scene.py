@@ -32,7 +32,7 @@ class SimulatedScene:
     Attributes
     ----------
     setup : Setup
-        All that it depends on.
+        Parameters of the scene.
     light : Light
         Light in each band.
     image : uint16 ndarray
@@ -85,13 +85,13 @@ def simulate(
     Parameters
     ----------
     setup : Setup
-        What to simulate.
+        Parameters of the scene.
     workers : int
-        Threads; they never show in the result.
+        Number of threads; the result does not depend on it.
     keep_surface : bool
-        Keep height and slopes of the sea, too.
+        Also keep height and slopes of the sea.
     progress : callable, optional
-        Called with how many bands are done and how many there are.
+        Called as progress(done, total), where the numbers count bands.
 
     Returns
     -------
@@ -158,7 +158,11 @@ def simulate_together(
     moving = max(setups, key=lambda s: max(s.times))
     sea, world = facets(moving, workers=workers), _World.of(moving)
     shape = len(moving.sensor.bands), *moving.size
-    parts = [_Parts.empty(shape, resampled=s.artefacts.resampling is not None) for s in setups]
+    parts = []
+    for setup in setups:
+        own = np.empty((2, *shape), np.float32)
+        seen = np.empty_like(own) if setup.artefacts.resampling else own
+        parts.append(_Parts(own, seen, np.empty(shape, np.float32)))
     done, total = 0, len(setups) * shape[0]
     for time in sorted({t for s in setups for t in s.times}):
         for _ in _add_bands(parts, setups, world, sea, time, workers):
@@ -231,11 +235,6 @@ class _Parts:
     own: Array  # (truth or glint, band, row, column) float32
     seen: Array  # the same, where the sensor sees them
     water: Array  # (band, row, column) float32
-
-    @classmethod
-    def empty(cls, shape: tuple[int, int, int], *, resampled: bool) -> _Parts:
-        own = np.empty((2, *shape), np.float32)
-        return cls(own, np.empty_like(own) if resampled else own, np.empty(shape, np.float32))
 
 
 def _finished(

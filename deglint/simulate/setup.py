@@ -61,7 +61,7 @@ class Setup:
     spectrum, fetch, spreading, exponent, opposing
         Of the waves; see `deglint.physics.waves.Sea`.
     slopes : {"cox-munk", "cox-munk-gaussian"}
-        What the mean glint follows, with or without the Gram-Charlier series.
+        Distribution of slopes of the mean glint, with or without the Gram-Charlier series.
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
         Of the sun and the sensor as seen from the target [deg].
     sky : {"uniform", "cardioidal", "harrison-coombes"}
@@ -82,17 +82,17 @@ class Setup:
     targets : tuple of FloatingTarget
         Boats and swimmers; bands with a delay see them at different places.
     supersample : int
-        Facets per pixel, each way.
+        Facets per pixel along each axis.
     patch : float
-        Size of the patches of like slope that the unresolved waves make [m]: sets the sparkle; 0 for none.
-        Surfaces resolved to 1 mm say 0.005; 0.06 makes single facets flash.
+        Size of the patches of nearly uniform slope that unresolved waves make [m]. It sets the sparkle; 0 for none.
+        Surfaces resolved to 1 mm give 0.005; with 0.06 single facets flash.
     misregistration : tuple of (float, float)
-        Per band, how far down and right of its pixels it looks [pixel]; empty for none. The truth of the band looks
-        there, too.
+        For each band, its displacement down and right of the pixels of the image [pixel]; empty for none. The truth of
+        the band is displaced, too.
     artefacts : Artefacts
-        Striping, resampling and JPEG of the image; the truth does without them.
+        Striping, resampling and JPEG of the image; the truth has none of them.
     glint_threshold : float
-        Glint counts in the mask above this share of the radiance without it.
+        The glint mask is True where glint exceeds this share of the radiance without glint.
     domain : float, optional
         Side of the square of sea that is simulated [m]; by default the image, or one peak wave if longer.
     seed : int
@@ -198,7 +198,7 @@ class Setup:
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Rows and columns of the sea that is simulated [pixel], quick to transform, image in its corner."""
+        """Rows and columns of the simulated sea [pixel], with a fast FFT; the image is its upper left corner."""
         from scipy.fft import next_fast_len
 
         least = self.sea.peak_wavelength if self.domain is None else self.domain

@@ -62,7 +62,7 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
 
 @dataclass(frozen=True)
 class Change:
-    """One number that is not as it was."""
+    """A number that differs between two runs."""
 
     name: str
     verdict: Verdict
@@ -74,7 +74,7 @@ class Change:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """A run as JSON holds it: NaN is null."""
+    """A run as plain values for JSON, with None for NaN."""
     from deglint.raster.output import plain
 
     values = {name: asdict(number) for name, number in numbers.items()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..report.page import render
-from ..report.plots import as_uri
+from ..report.plots import as_uri, new_figure
 from .compare import short
 from .run import DEFAULT, GRID, LIMIT, PFA, RAW, Condition, Results
 from .scenes import REFLECTANCES, SIDE
@@ -33,10 +33,8 @@ def page(results: Results, made: Mapping[str, Any]) -> str:
 
 
 def _axes(panels: int) -> tuple[Figure, list[Any]]:
-    """A figure with panels side by side; drawn without a window or a global state."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(FIGURE_WIDTH, HEIGHT), layout="constrained")
+    """A figure with panels side by side."""
+    figure = new_figure(FIGURE_WIDTH, HEIGHT)
     return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0])
 
 

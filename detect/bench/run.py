@@ -74,7 +74,7 @@ class Quality:
 
 @dataclass(frozen=True)
 class Results:
-    """All that was measured.
+    """Results of all measurements.
 
     `images` holds the quality of one image for each seed, by condition and removal, and of `RAW` and `LIMIT`; `fit` and
     `apply` the processor time on one thread, of the timed scene [s]; `refused` why a method cannot be used.

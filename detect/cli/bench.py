@@ -97,7 +97,7 @@ def _wanted(only: tuple[str, ...]) -> list[str]:
 
 
 def _command(out: str, seeds: int, given: dict[str, Any]) -> str:
-    """The command line that measures the same again."""
+    """Command line that repeats this run."""
     words = ["rxdetect", "bench", out, *["--quick"] * given["quick"]]
     words += ["--only", ",".join(given["only"])] if given["only"] else []
     return shlex.join([*words, "--seeds", str(seeds)])

@@ -90,7 +90,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
 
 
 def _command(scores: tuple[str, ...], truth: str, given: dict[str, Any]) -> str:
-    """The command line that does the same again, with every number that matters spelled out."""
+    """Command line that repeats this run, with all values that affect the result."""
     words = ["rxdetect", "roc", *scores, truth, "--pfa-max", f"{given['pfa_max']:g}"]
     words += ["--bootstrap", str(given["draws"]), "--seed", str(given["seed"])]
     for name in ("report", "mask", "block"):

@@ -92,14 +92,9 @@ def _motion(
     best = min(find_moving(block, times, pixel=pixel), key=away, default=None)
     if best is None or away(best) > reach + math.hypot(*found.footprint.shape):
         return {"speed_m_s": None, "heading": None}
-    return {"speed_m_s": best.speed, "heading": _north(scene, best, rows[0], columns[0])}
-
-
-def _north(scene: Scene, mover: Mover, top: int, left: int) -> float:
-    """Heading of a mover clockwise from north [degree]; north need not be up in the image."""
     move = to_wgs84(scene)
     assert move is not None
-    x, y = left + mover.column + 0.5, top + mover.row + 0.5
-    angle = np.radians(mover.heading)
+    x, y = columns[0] + best.column + 0.5, rows[0] + best.row + 0.5
+    angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
     start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
-    return distance_and_bearing(start, end)[1]
+    return {"speed_m_s": best.speed, "heading": distance_and_bearing(start, end)[1]}

@@ -61,16 +61,8 @@ class Rated:
 class Marker:
     """Find the threshold of a scored sea, and mark objects in the scores of any detector.
 
-    Parameters
-    ----------
-    plan : Plan
-    targets : Outputs
-    scores : rasterio dataset
-        The written score raster, open for reading.
-    tail : Tail
-        The highest scores.
-    beside : dict of Places
-        Pixels of the sea that are attached to land: ALONGSIDE and ATTACHED of `detect.sea.region`.
+    `scores` is the written score raster, open for reading; `tail` holds the highest scores; `beside` the pixels of the
+    sea that are attached to land, by their class: ALONGSIDE or ATTACHED of `detect.sea.region`.
     """
 
     def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: dict[int, Places]) -> None:

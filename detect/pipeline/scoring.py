@@ -34,7 +34,7 @@ MEANINGS = {
     FLOATS: "sea: no water, but small enough to float",
     BESIDE_LAND: "sea: no water, attached to land, with the size and shape of a ship or a short pier",
 }
-"""Bits of the flag raster; 0: a score without a remark."""
+"""Bits of the flag raster; 0: the pixel has a score, and no note."""
 
 
 @dataclass

@@ -32,10 +32,11 @@ def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool)
 
     Coordinates are longitude and latitude where `geographic`, else pixels.
     """
-    rows = document["features"]
-    columns = {k: _sql_type(v) for row in rows for k, v in row["properties"].items() if v is not None}
+    rows = [row["properties"] for row in document["features"]]
+    columns = {k: _sql_type(v) for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
-    boxes = [_box(row["geometry"]) for row in rows]
+    shapes = [_polygons(feature["geometry"]) for feature in document["features"]]
+    boxes = [_box(polygons) for polygons in shapes]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(path) as db:
         db.executescript(_data("geopackage.sql"))
@@ -50,8 +51,8 @@ def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool)
         marks = ",?" * len(columns)
         db.executemany(
             f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
-            [(_binary(row["geometry"], srs, box), *(_plain(row["properties"].get(c)) for c in columns))
-             for row, box in zip(rows, boxes, strict=True)],
+            [(_binary(polygons, srs, box), *(_plain(row.get(c)) for c in columns))
+             for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
         )  # fmt: skip
     db.close()
 
@@ -65,19 +66,18 @@ def _plain(value: Any) -> Any:
 
 
 def _polygons(geometry: dict[str, Any]) -> list[Any]:
+    """Polygons of a geometry, each a list of rings."""
     return [geometry["coordinates"]] if geometry["type"] == "Polygon" else list(geometry["coordinates"])
 
 
-def _box(geometry: dict[str, Any]) -> tuple[float, float, float, float]:
-    points = [p for polygon in _polygons(geometry) for p in polygon[0]]
-    xs, ys = [p[0] for p in points], [p[1] for p in points]
+def _box(polygons: list[Any]) -> tuple[float, float, float, float]:
+    xs, ys = zip(*(point[:2] for polygon in polygons for point in polygon[0]), strict=True)
     return min(xs), min(ys), max(xs), max(ys)
 
 
-def _binary(geometry: dict[str, Any], srs: int, box: tuple[float, float, float, float]) -> bytes:
+def _binary(polygons: list[Any], srs: int, box: tuple[float, float, float, float]) -> bytes:
     """GeoPackage header with an envelope, and the geometry as well-known binary of a multi-polygon."""
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
-    polygons = _polygons(geometry)
     out = [head, struct.pack("<BII", 1, 6, len(polygons))]
     for rings in polygons:
         out.append(struct.pack("<BII", 1, 3, len(rings)))

@@ -22,7 +22,7 @@ from ..roc.per_object import ObjectCurve, count_false_alarms, false_alarms, obje
 from .inputs import Inputs, read_inputs
 
 RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-"""Pfa at which detectors are read off, where the scene has pixels enough."""
+"""False-alarm rates of the operating points; rates below one pixel of background are left out."""
 _WORST = 8
 _CURVE_POINTS = 400
 
@@ -45,7 +45,7 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One detector: its curve, and what was found out about it."""
+    """One detector: its scores, its ROC curve, and the results."""
 
     name: str
     scores: npt.NDArray[Any]
@@ -59,7 +59,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Everything that the report shows; `numbers` is all of it as plain numbers and words, for JSON."""
+    """Results of all detectors; `numbers` holds them as plain values for JSON."""
 
     request: Request
     inputs: Inputs
@@ -68,18 +68,18 @@ class Evaluation:
 
 
 def evaluate(request: Request, progress: Any = None) -> Evaluation:
-    """Read, judge and compare.
+    """Read score rasters and truth, evaluate each detector, and compare the detectors.
 
     Parameters
     ----------
     request : Request
     progress : callable, optional
-        Called with a stage, how many detectors are done, and of how many.
+        Called as progress(stage, done, total), where the numbers count detectors.
 
     Raises
     ------
     InputError
-        Something does not fit: grids differ, no target, no background, all scores equal.
+        The grids differ, there is no target or no background, or all scores are equal.
     ReadError
         A file cannot be read.
     """
@@ -103,7 +103,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
 
 
 def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request, area: float | None) -> Judged:
-    """Everything about one detector; `area` is that of a pixel [m2]."""
+    """Evaluate one detector; `area` is that of a pixel [m2]."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
@@ -151,7 +151,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
-    """Detection at a false-alarm rate, counted in pixels."""
+    """Threshold, and fractions of detected pixels, at a false-alarm rate."""
     point = roc.point(rate)
     out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
     if bands is not None:

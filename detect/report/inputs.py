@@ -27,10 +27,10 @@ _OFF = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Everything that is judged: of each detector its name and scores, higher being more anomalous.
+    """Names and scores of the detectors (higher is more anomalous), and the truth.
 
     Pixels are valid in every score raster and in the truth, and inside the mask; `left_out` counts the others by
-    reason, and a pixel may count for several. `objects` are their numbers, 0 elsewhere.
+    reason, and a pixel may count for several. `objects` has the number of the object of each pixel, 0 for background.
     """
 
     names: tuple[str, ...]
@@ -45,15 +45,7 @@ class Inputs:
 def read_inputs(
     scores: Sequence[str], truth: str, mask: str | None = None, *, lower: bool = False, connected: bool = False
 ) -> Inputs:
-    """Read score rasters, and truth from a raster or a GeoJSON file.
-
-    Raises
-    ------
-    InputError
-        The rasters are not on one grid, or the truth cannot be used.
-    ReadError
-        A file cannot be read.
-    """
+    """Read score rasters, and truth from a raster or a GeoJSON file."""
     notes: list[str] = []
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
@@ -92,7 +84,7 @@ def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
 
 
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
-    """0 or an object's mark, and where it is known."""
+    """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
         return marks, np.ones(marks.shape, np.bool_)

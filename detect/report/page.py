@@ -34,7 +34,7 @@ def render(package: str, **values: Any) -> str:
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
-    """The complete page; `made` are the versions and options that stand at its end."""
+    """The complete page; `made` holds the versions and options listed at its end."""
     bands, objects = found.detectors[0].bands, found.detectors[0].objects
     drawn = {"roc": plots.as_uri(plots.roc_curves(found)), "precision": plots.as_uri(plots.precision_curves(found))}
     if objects is not None:
@@ -91,7 +91,7 @@ def _level(d: Judged) -> float:
 
 
 def lead(numbers: dict[str, Any]) -> str:
-    """The finding in a sentence or two."""
+    """Summary of the results in one or two sentences."""
     detectors = numbers["detectors"]
     n = max(detectors, key=lambda d: d["partial_auc"]["raw"])
     point = min(n["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
@@ -115,7 +115,7 @@ def lead(numbers: dict[str, Any]) -> str:
 
 
 def table(numbers: dict[str, Any]) -> list[str]:
-    """The findings as lines of a terminal."""
+    """The results as lines of text for a terminal."""
     pixels = numbers["pixels"]
     judged = f"{pixels['judged']} of {pixels['total']} pixels judged: {pixels['targets']} of targets"
     out = [f"{judged} ({counted(pixels['objects'], 'object')}), {pixels['background']} of background"]

@@ -40,17 +40,17 @@ def as_uri(figure: Figure, form: str = "svg") -> str:
     return f"data:image/{form.replace('svg', 'svg+xml')};base64," + b64encode(file.getvalue()).decode()
 
 
-def _axes(size: tuple[float, float]) -> tuple[Figure, Any]:
-    """A figure that is drawn without a window or a global state."""
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of a size [inch] that is drawn without a window or a global state."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots()
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def roc_curves(found: Evaluation) -> Figure:
     """Pd over Pfa, with the bootstrap's intervals and the operating points."""
-    figure, ax = _axes((9.0, 4.4))
+    figure = new_figure(9.0, 4.4)
+    ax = figure.subplots()
     low = 1 / max(len(d.roc.background) for d in found.detectors)
     grid = np.geomspace(low, 1, 200)
     ax.plot(grid, grid, ":", color="0.5")
@@ -71,7 +71,8 @@ def roc_curves(found: Evaluation) -> Figure:
 
 def precision_curves(found: Evaluation) -> Figure:
     """Precision over recall."""
-    figure, ax = _axes((5.0, 3.6))
+    figure = new_figure(5.0, 3.6)
+    ax = figure.subplots()
     for d in found.detectors:
         precision, recall = d.roc.precision_recall
         ax.plot(recall, precision, label=d.name)
@@ -81,7 +82,8 @@ def precision_curves(found: Evaluation) -> Figure:
 
 def object_curves(found: Evaluation) -> Figure:
     """Objects found over false alarms."""
-    figure, ax = _axes((5.0, 3.6))
+    figure = new_figure(5.0, 3.6)
+    ax = figure.subplots()
     for d in found.detectors:
         if d.objects is not None:
             # parts may run together as the threshold falls
@@ -93,9 +95,9 @@ def object_curves(found: Evaluation) -> Figure:
 
 
 def shrink(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], int]:
-    """The scene at a size to be looked at, and how many pixels a side each of its cells holds.
+    """Reduce scores for display; returns them, and the side of a cell [pixel].
 
-    A cell has the highest of its scores, so that small targets stay to be seen; NaN where none is valid.
+    A cell has the highest of its scores, so that small targets remain visible; NaN where none is valid.
     """
     from skimage.measure import block_reduce
 
@@ -109,7 +111,8 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape
-    figure, ax = _axes((7.0, min(7.0 * height / width, 14.0) + 0.3))
+    figure = new_figure(7.0, min(7.0 * height / width, 14.0) + 0.3)
+    ax = figure.subplots()
     seen, step = shrink(d.scores, found.inputs.valid)
     extent = (0, seen.shape[1] * step, seen.shape[0] * step, 0)
     low, high = np.nanpercentile(seen, [50, 99.9])
@@ -129,10 +132,8 @@ def scene(d: Judged, found: Evaluation) -> Figure:
 
 
 def chips(d: Judged, found: Evaluation) -> Figure:
-    """False alarms and what lies around them, with their scores."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.0, 1.7 * -(-len(d.worst) // 3)), layout="constrained")
+    """False alarms and their surroundings, with their scores."""
+    figure = new_figure(5.0, 1.7 * -(-len(d.worst) // 3))
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):
         ax = figure.add_subplot(-(-len(d.worst) // 3), 3, number)
