@@ -6,7 +6,7 @@ They change only the image, not the truth.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ Array = npt.NDArray[np.floating[Any]]
 Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
-KERNELS = ("bilinear", "cubic", "lanczos")
+KERNELS = get_args(Kernel)
 GRID_SHIFT = 0.5
 """Offset of the sensor's grid from the map's grid, down and right [pixel]. A rotated grid has all offsets; half a pixel
 blurs most."""

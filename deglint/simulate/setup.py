@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import product
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -134,7 +134,7 @@ class Setup:
             if not np.isfinite(getattr(self, name)):
                 raise InputError(f"{name} must be a finite number, got {getattr(self, name)}; give one")
         within("seed", self.seed, 0, 2**63, "", "Any integer that is not negative will do.")
-        choice("slopes", self.slopes, ("cox-munk", "cox-munk-gaussian"))
+        choice("slopes", self.slopes, get_args(SlopeModel))
         choice("sky", self.sky, SKIES)
         within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
         within("sun_zenith", self.sun_zenith, 0.0, 80.0, "degrees", "Choose another time of day.")

@@ -10,13 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import mean, median, stdev
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from deglint.errors import InputError
 
 Better = Literal["lower", "higher"]
 Verdict = Literal["worse", "slower", "better", "faster", "changed", "gone", "new"]
-ORDER: tuple[Verdict, ...] = ("worse", "slower", "better", "faster", "changed", "gone", "new")
+ORDER: tuple[Verdict, ...] = get_args(Verdict)
 ROUNDING = 1e-6
 """Relative change below which a number is the same: other processors sum in another order."""
 TIME_CHANGE = 0.1

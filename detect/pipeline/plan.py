@@ -142,18 +142,15 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
         nir = tuple(bands.index(b) for b in found)
     if mask.water is not None:
         notes.append(mask.water.reason)
-    rule = None
-    if recipe.method == "local":
-        size = (scene.height, scene.width)
-        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = WindowRule(*recipe.window, recipe.border, size, recipe.ddof, ridge)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
-    if rule is not None:
+    rule = search = None
+    if recipe.method == "local":
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        rule = WindowRule(*recipe.window, recipe.border, (scene.height, scene.width), recipe.ddof, ridge)
         shape = _local_shape(shape, scene, threads)
-    search = None
-    if recipe.method == "sea":
+    elif recipe.method == "sea":
         search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)
-    if recipe.method == "lines":
+    elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
