@@ -88,10 +88,11 @@ def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain)
     assert np.array_equal(correct(scene, fitted, window=((30, 200), (490, 570))), whole[:, 30:200, 490:570])
 
 
-def test_a_saved_chain_gives_the_same_result(made, tmp_path):
+@pytest.mark.parametrize("chain", [OPENING, POSTERIOR])
+def test_a_saved_chain_gives_the_same_result(made, tmp_path, chain):
     path, _ = made()
     out, model = tmp_path / "out.tif", tmp_path / "model.json"
-    remove_glint(path, out, Recipe(compensate=OPENING), model_file=model)
+    remove_glint(path, out, Recipe(compensate=chain), model_file=model)
     again = tmp_path / "again.tif"
     remove_glint(path, again, model=load_model(str(model)), chain=load_chain(str(model)))
     assert np.array_equal(open_scene(out).read(), open_scene(again).read())

@@ -268,6 +268,8 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         assert kind is not None
         if "psfs" in rest:
             rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
+        if "left" in rest:
+            rest["left"] = tuple(posterior.LeftOver(**band) for band in rest["left"])
         return kind(**rest)
     except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
@@ -289,4 +291,6 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _tuples(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _tuples(v) for k, v in value.items()}
     return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
