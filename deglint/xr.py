@@ -43,14 +43,11 @@ __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 log = logging.getLogger(__name__)
 
 
-@checked_keywords("sensor", "nodata")
+@checked_keywords()
 def fit(
-    array: Any,
-    recipe: Recipe | str = "auto",
-    *,
-    threads: int | None = None,
-    **reading: Any,
-) -> Fitted:
+    array: Any, recipe: Recipe | str = "auto", *, threads: int | None = None, sensor: str | None = None,
+    nodata: float | str | None = None,
+) -> Fitted:  # fmt: skip
     """Fit a recipe to a DataArray; of a lazy one, what the sample needs is computed now.
 
     Parameters
@@ -61,8 +58,8 @@ def fit(
         What to do, or a method's name.
     threads : int, optional
         All processors by default; the result does not depend on it.
-    **reading
-        sensor, nodata: as `deglint.open_scene`.
+    sensor, nodata : str, and float or str, optional
+        As `deglint.open_scene`.
 
     Returns
     -------
@@ -75,22 +72,15 @@ def fit(
         As `deglint.fit_scene`; the optional dependency is missing.
     """
     need_xarray()
-    opened = open_array(array, **reading)
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
-    return fit_scene(opened.scene, recipe, threads=threads)
+    return fit_scene(open_array(array, sensor=sensor, nodata=nodata).scene, recipe, threads=threads)
 
 
 @checked_keywords("sensor", "nodata")
 def apply(
-    array: Any,
-    fitted: Fitted | GlintModel,
-    *,
-    mask: str = "auto",
-    chain: Chain | None = None,
-    dtype: str | None = None,
-    threads: int | None = None,
-    **reading: Any,
-) -> Any:
+    array: Any, fitted: Fitted | GlintModel, *, mask: str = "auto", chain: Chain | None = None,
+    dtype: str | None = None, threads: int | None = None, **reading: Any,
+) -> Any:  # fmt: skip
     """Correct a DataArray with what was fitted; of a lazy one nothing is computed.
 
     Parameters
@@ -105,7 +95,7 @@ def apply(
     dtype : str, optional
         "float32" or "float64"; the array's own by default. Integers are rounded, and saturate.
     threads, **reading
-        As `fit`.
+        threads, sensor, nodata: as `fit`.
 
     Returns
     -------
@@ -136,15 +126,11 @@ def apply(
     return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
 
-@checked_keywords("sensor", "nodata")
+@checked_keywords()
 def remove(
-    array: Any,
-    recipe: Recipe | str = "auto",
-    *,
-    dtype: str | None = None,
-    threads: int | None = None,
-    **reading: Any,
-) -> Any:
+    array: Any, recipe: Recipe | str = "auto", *, dtype: str | None = None, threads: int | None = None,
+    sensor: str | None = None, nodata: float | str | None = None,
+) -> Any:  # fmt: skip
     """Fit a recipe to a DataArray and correct it: `fit`, then `apply`.
 
     Parameters
@@ -152,7 +138,7 @@ def remove(
     array : DataArray or Dataset
         A Dataset has one variable a band, as odc-stac gives it, or variables with a dimension band. Each entry of a
         further dimension, such as time, is a scene of its own.
-    recipe, dtype, threads, **reading
+    recipe, dtype, threads, sensor, nodata
         As `fit` and `apply`.
 
     Returns
@@ -175,13 +161,13 @@ def remove(
     (70, 0)
     """
     xarray = need_xarray()
-    given: Mapping[str, Any] = {"threads": threads, **reading}
+    given: Mapping[str, Any] = {"threads": threads, "sensor": sensor, "nodata": nodata}
+    work = partial(remove, recipe=recipe, dtype=dtype, **given)
     if isinstance(array, xarray.Dataset):
-        return _by_variables(array, partial(remove, recipe=recipe, dtype=dtype, **given))
+        return _by_variables(array, work)
     further = [d for d in array.dims if d not in axes(array)] if hasattr(array, "dims") else []
     for d in further:
         if array.sizes[d] > 1:
-            work = partial(remove, recipe=recipe, dtype=dtype, **given)
             parts = [_entry(array.isel({d: [i]}), d, work) for i in range(array.sizes[d])]
             out = array.copy(data=np.concatenate([part.data for part in parts], array.get_axis_num(d)))
             out.encoding = parts[0].encoding

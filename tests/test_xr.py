@@ -4,6 +4,7 @@ import pickle
 import sys
 from collections import Counter
 from dataclasses import replace
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -361,6 +362,13 @@ def test_what_cannot_be_used_is_said(sea):
         deglint.xr.apply(given[::-1], fitted)
     turned = deglint.xr.apply(given[::-1], fitted.model, mask="none")
     np.testing.assert_array_equal(turned.values[::-1], deglint.xr.apply(given, fitted).values)
+
+
+@pytest.mark.parametrize("function", [deglint.xr.fit, deglint.xr.remove])
+def test_the_signature_names_how_the_array_is_read(function):
+    assert {"sensor", "nodata"} <= set(signature(function).parameters)
+    with pytest.raises(TypeError, match="did you mean 'sensor'"):
+        function(None, sensr="sentinel2")
 
 
 def test_the_extra_is_named_where_it_is_missing(monkeypatch):
