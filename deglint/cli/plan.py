@@ -159,18 +159,20 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
+    from ..raster.planned import check_plan
     from ..readers.text import read_toml
     from . import planning
     from .console import Console
 
     mode = planning.mode_of(given)
-    mode.check(given)
+    reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
+    check_plan(given["outs"], planning.ENDINGS[mode], reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
-    mission = mission_from(mode.prepared(given, tables), given["mission"] or "the options")
+    mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:
-        for line in _assumed(given, tables, mission) if mode is not planning.SERVE else []:
+        for line in _assumed(given, tables, mission) if mode is not planning.page else []:
             log.info(line)
-        mode.run(given, mission, console)
+        mode(given, mission, console)
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:

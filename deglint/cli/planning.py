@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,52 +17,55 @@ from ..plan.dataset import summary
 from ..plan.draw import png
 from ..plan.picture import picture
 from ..raster.output import plain
-from ..raster.planned import check_plan, write_numbers, write_plan
+from ..raster.planned import write_numbers, write_plan
 from .console import Console
 
 log = logging.getLogger(__name__)
 Given = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Mode:
-    """One mode of the command."""
-
-    kinds: tuple[str, ...]  # endings of files that it writes
-    run: Callable[[Given, Any, Any], None]  # takes the options, the mission and where to show progress
-    # takes the options and the tables of a mission; gives the tables to make the mission of
-    prepared: Callable[[Given, Mapping[str, Any]], Mapping[str, Any]] = lambda _given, tables: tables
-
-    def check(self, given: Given) -> None:
-        """Check, before any computation, that the outputs can be written."""
-        reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
-        check_plan(given["outs"], self.kinds, reads, overwrite=given["overwrite"])
+Mode = Callable[[Given, Any, Console], None]
+"""Function of the options, the mission and where to show progress."""
 
 
 def mode_of(given: Given) -> Mode:
-    """The mode that the options select."""
+    """The mode that the options select: one of those below, a function that writes and prints a plan."""
     asked = {
-        "--from": SWEEP if given["start"] or given["end"] or given["every"] else None,
-        "--wind-within": WIND_MODE if given["wind_within"] else None,
-        "--fov": LINE if given["fov"] else None,
-        "--serve": SERVE if given["serve"] else None,
+        "--from": over_time if given["start"] or given["end"] or given["every"] else None,
+        "--wind-within": under_winds if given["wind_within"] else None,
+        "--fov": flight_line if given["fov"] else None,
+        "--serve": page if given["serve"] else None,
     }
     found = {name: mode for name, mode in asked.items() if mode is not None}
     if len(found) > 1:
         raise click.UsageError(f"{' and '.join(found)} are different plans: ask for one at a time.")
-    mode = next(iter(found.values()), RETICLE)
-    if mode is SWEEP and not (given["start"] and given["end"]):
+    mode = next(iter(found.values()), one_reticle)
+    if mode is over_time and not (given["start"] and given["end"]):
         raise click.UsageError("a sweep over time needs both --from and --to.")
-    if mode is SWEEP and given["time"]:
+    if mode is over_time and given["time"]:
         raise click.UsageError("give --time, or --from and --to, not both.")
-    if mode is not RETICLE and given["show"]:
+    if mode is not one_reticle and given["show"]:
         raise click.UsageError("--show is for one reticle: leave it out here.")
-    if mode is SERVE and (given["outs"] or given["as_json"]):
+    if mode is page and (given["outs"] or given["as_json"]):
         raise click.UsageError("--serve writes no files: leave -o and --json out.")
     return mode
 
 
-def _reticle(given: Given, mission: Any, _console: Console) -> None:
+def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Tables of a mission with its time set: of a sweep the highest sun, of a page without a time the next daylight."""
+    place = dict(tables.get("place", {}))
+    if "latitude" not in place or "longitude" not in place:
+        return tables
+    if mode is over_time:
+        place["time"] = f"{sweep.highest_sun(place['latitude'], place['longitude'], _times(given))}Z"
+    elif mode is page and "time" not in place:
+        place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
+    return {**tables, "place": place}
+
+
+def _times(given: Given) -> Any:
+    return sweep.times(given["start"], given["end"], given["every"] or 30.0)
+
+
+def one_reticle(given: Given, mission: Any, _console: Console) -> None:
     """One reticle: the viewing geometries of a hemisphere."""
     found, band = reticle(mission), given["show"]
     if band:
@@ -71,15 +73,15 @@ def _reticle(given: Given, mission: Any, _console: Console) -> None:
     if given["outs"]:
         write_plan(found, given["outs"], lambda: png(picture(found, band=band)), overwrite=given["overwrite"])
     if given["as_json"]:
-        _print(summary(found))
+        click.echo(_json(summary(found)))
         return
     geometry = best_geometry(found, band=band)
     click.echo(sentence(geometry) + ("" if geometry is None else f"\n{quality(geometry)}"))
 
 
-def _sweep(given: Given, mission: Any, console: Console) -> None:
+def over_time(given: Given, mission: Any, console: Console) -> None:
     """A sweep over time."""
-    when = sweep.times(given["start"], given["end"], given["every"] or 30.0)
+    when = _times(given)
     moments, found = [], []
     for moment, plan in sweep.plans(mission, when):
         moments.append(moment)
@@ -93,16 +95,7 @@ def _sweep(given: Given, mission: Any, console: Console) -> None:
     _finish(given, day, sweep.numbers(mission, moments), sweep.table(moments))
 
 
-def _day(given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a sweep; the time of the mission is one with the sun up, if there is one."""
-    place = dict(tables.get("place", {}))
-    if "latitude" in place and "longitude" in place:
-        when = sweep.times(given["start"], given["end"], given["every"] or 30.0)
-        place["time"] = f"{sweep.highest_sun(place['latitude'], place['longitude'], when)}Z"
-    return {**tables, "place": place}
-
-
-def _winds(given: Given, mission: Any, _console: Console) -> None:
+def under_winds(given: Given, mission: Any, _console: Console) -> None:
     """Viewing geometries that are free of glint for every wind of an interval."""
     within = {"turn": 30.0, **given["wind_within"]}
     found = uncertainty.wind_ensemble(mission, **within)
@@ -110,7 +103,7 @@ def _winds(given: Given, mission: Any, _console: Console) -> None:
     _finish(given, lambda: wind_picture(found, **within), numbers, said)
 
 
-def _line(given: Given, mission: Any, _console: Console) -> None:
+def flight_line(given: Given, mission: Any, _console: Console) -> None:
     """The best heading of a flight line."""
     across, _, along = given["fov"].lower().partition("x")
     try:
@@ -124,15 +117,7 @@ def _line(given: Given, mission: Any, _console: Console) -> None:
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)
 
 
-def _daylight(_given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a web page; without a given time it starts at the next daylight."""
-    place = dict(tables.get("place", {}))
-    if "latitude" in place and "longitude" in place and "time" not in place:
-        place["time"] = f"{sweep.next_daylight(place['latitude'], place['longitude'])}Z"
-    return {**tables, "place": place} if place else tables
-
-
-def _serve(given: Given, mission: Any, _console: Console) -> None:
+def page(given: Given, mission: Any, _console: Console) -> None:
     """Serve a web page with sliders until it is interrupted."""
     from ..plan.serve import serve
 
@@ -148,18 +133,18 @@ def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any]
         for path in given["outs"]:
             outs[path] = png(picture()) if path.suffix.lower() == ".png" else numbers
         write_numbers(outs, overwrite=given["overwrite"])
-    if given["as_json"]:
-        _print(numbers)
-        return
-    click.echo("\n".join(lines))
+    click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
 
 
-def _print(numbers: Mapping[str, Any]) -> None:
-    click.echo(json.dumps(plain(numbers), indent=2, allow_nan=False))
+def _json(numbers: Mapping[str, Any]) -> str:
+    return json.dumps(plain(numbers), indent=2, allow_nan=False)
 
 
-RETICLE = Mode((".png", ".json", ".nc", ".tif"), _reticle)
-SWEEP = Mode((".png", ".json"), _sweep, _day)
-WIND_MODE = Mode((".png", ".json"), _winds)
-LINE = Mode((".png", ".json"), _line)
-SERVE = Mode((), _serve, _daylight)
+ENDINGS: dict[Mode, tuple[str, ...]] = {
+    one_reticle: (".png", ".json", ".nc", ".tif"),
+    over_time: (".png", ".json"),
+    under_winds: (".png", ".json"),
+    flight_line: (".png", ".json"),
+    page: (),
+}
+"""Modes, and the endings of the files that each writes."""
