@@ -37,15 +37,14 @@ class Reporter:
     """A progress function that logs at most every `LOG_EVERY` seconds, the first time that long after a stage began."""
 
     def __init__(self) -> None:
-        self._left = TimeLeft()
-        self._stage, self._said = "", 0.0
+        self._left, self._said = TimeLeft(), 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Take in that `done` of `total` tiles are finished."""
         now, left = time.monotonic(), self._left(stage, done, total)
-        if stage != self._stage or done == total:
-            self._stage, self._said = stage, now
-        elif left is not None and now - self._said >= LOG_EVERY:
+        if left is None:  # the stage begins
+            self._said = now
+        elif done < total and now - self._said >= LOG_EVERY:
             self._said = now
             log.info("%s: %d %%, %s left", stage, 100 * done // total, duration(left))
 

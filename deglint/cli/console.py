@@ -18,8 +18,6 @@ from .running import printable
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
 """Prefix of log lines of these levels, and its colour on a terminal."""
-WIDEST_LINE = 110
-"""Longest progress line [character]."""
 
 
 class Console(logging.Handler):
@@ -66,16 +64,12 @@ class Console(logging.Handler):
             return
         left, filled = self._left(stage, done, total), 30 * done // total
         said = f", {duration(left)} left" if left else ""
-        self.draw(f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}")
+        line = f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}"
+        sys.stderr.write(f"\r\x1b[K{line}")
+        sys.stderr.flush()
+        self._drawn = True
         if done == total:
             self.clear()
-
-    def draw(self, line: str) -> None:
-        """Draw a progress line if stderr is a terminal."""
-        if self._bar:
-            sys.stderr.write(f"\r\x1b[K{line[:WIDEST_LINE]}")
-            sys.stderr.flush()
-            self._drawn = True
 
     def clear(self) -> None:
         """Erase the progress line."""

@@ -14,11 +14,11 @@ import click
 import numpy as np
 
 from ..errors import DeglintError
-from ..pipeline import Outputs, Recipe, fit_scene, load_model
+from ..pipeline import Recipe, fit_scene, load_model
 from ..pipeline.overview import raster_of
+from ..pipeline.run import check_outputs
 from ..raster.environment import environment
 from ..raster.output import plain
-from ..raster.targets import check_ending, check_images, check_targets
 from ..readers import open_scene
 from ..scene import Scene
 from .options import opening
@@ -51,12 +51,9 @@ def as_options(recipe: Recipe) -> str:
 
 def removal(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     """Report of `deglint remove --dry-run`: the scene is opened and the recipe fitted, but nothing is written."""
-    wanted, used = outputs_of(given), recipe_of(given)
-    targets = Outputs(Path(output), model=wanted.pop("model_file"), **wanted)
+    targets, used = outputs_of(output, given), recipe_of(given)
     with environment():
-        check_targets(targets.every(), {"the input": list(inputs)}, overwrite=given["overwrite"])
-        check_images(targets.image, targets.flags, targets.amount, targets.stderr)
-        check_ending(targets.picture, "a PNG", ".png")
+        check_outputs(inputs, used, given["sensor"], targets)
         scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
         begun = time.perf_counter()
         if given["model_in"]:

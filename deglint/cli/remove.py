@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,7 +27,7 @@ from .options import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from ..pipeline import Recipe
+    from ..pipeline import Outputs, Recipe
 
 
 remove_options = with_options(
@@ -125,9 +127,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
         model, chain = (load_model(saved), load_chain(saved)) if saved else (None, None)
         result = remove_glint(
-            list(inputs), output, recipe_of(given), model=model, chain=chain, **opening(given), grid=given["grid"],
-            threads=given["threads"], cluster=cluster, progress=console.progress, **outputs_of(given),
-            overwrite=given["overwrite"], options=given["options"], reads=[saved] if saved else [],
+            list(inputs), outputs_of(output, given), recipe_of(given), model=model, chain=chain, **opening(given),
+            grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
@@ -137,12 +138,13 @@ def recipe_of(given: dict[str, Any]) -> Recipe:
     """The recipe described by the options."""
     from ..pipeline import Recipe
 
-    fields = ("method", "nir", "nir_use", "bands", "sample", "mask", "regression", "floor_percentile", "rrs_factor",
-              "compensate", "smallest_object")  # fmt: skip
-    return Recipe(**{name: given[name] for name in fields}, tolerance=given["tolerance"] or 0.0)
+    return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
 
 
-def outputs_of(given: dict[str, Any]) -> dict[str, Any]:
-    """The options of the outputs as keywords of `deglint.remove_glint`."""
-    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype")}
-    return same | {"sample": given["save_sample"], "model_file": given["save_model"]}
+def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
+    """The outputs described by the options."""
+    from ..pipeline import Outputs
+
+    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
+    reads = [given["model_in"]] if given["model_in"] else []
+    return Outputs(Path(output), sample=given["save_sample"], model=given["save_model"], reads=reads, **same)

@@ -96,7 +96,9 @@ def remove_glint(
     if threads is not None:
         check_number(threads, 1, 1024, "threads")
     with environment():
-        checksum = _checked(source, recipe, reading.get("sensor"), targets)
+        files = check_outputs(source, recipe, reading.get("sensor"), targets)
+        # begun before the scene is opened: what changes from now on is noticed
+        checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
         scene = settled(open_scene(source, **reading))
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
         with raster_of(scene):
@@ -123,8 +125,8 @@ class _Run:
         return tiling.run if self.cluster is None else self.cluster.run
 
 
-def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> Checksum:
-    """Check that the outputs can be written; start the checksum of the input."""
+def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
+    """Check that the outputs can be written, and replace no input; return the files of the scene."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -132,8 +134,7 @@ def _checked(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Ou
     check_targets(targets.every(), reads, overwrite=targets.overwrite)
     check_images(targets.image, targets.flags, targets.amount, targets.stderr)
     check_ending(targets.picture, "a PNG", ".png")
-    # begun before the scene is opened: what changes from now on is noticed
-    return Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
+    return files
 
 
 def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
