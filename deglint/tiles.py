@@ -31,11 +31,9 @@ SAMPLES_AT_ONCE = 32 << 20
 """Values that may be worked on at the same time; large tiles get fewer threads."""
 COMPACT = 512
 """Side of the tiles of work that needs a halo and many copies [pixel]."""
-MOST_WITH_HALO = 5 << 20
-"""Values of such a tile with its halo, where a side of `COMPACT` leaves the choice."""
-HELD_ALONE = 3 << 20
-"""The same for removal without compensation, which holds a prediction for every band: 225 MB in place of 310 on two
-threads, in the same time."""
+MOST_WITH_HALO = 3 << 20
+"""Most values of such a tile with its halo: removal holds a prediction for every band. With 5 << 20, two threads take
+310 MB in place of 225, and the same time."""
 LONGEST_SIDE = 1024
 """Longest side of a tile [pixel], unless the file is in strips."""
 
@@ -62,16 +60,12 @@ class Tile:
     @property
     def pixels(self) -> int:
         """Number of its pixels."""
-        return (self.row1 - self.row0) * (self.col1 - self.col0)
+        return math.prod(self.shape)
 
     def grown(self, halo: int, height: int, width: int) -> Tile:
         """The tile with a halo around it, as far as the scene goes."""
-        return Tile(
-            max(self.row0 - halo, 0),
-            min(self.row1 + halo, height),
-            max(self.col0 - halo, 0),
-            min(self.col1 + halo, width),
-        )
+        rows = max(self.row0 - halo, 0), min(self.row1 + halo, height)
+        return Tile(*rows, max(self.col0 - halo, 0), min(self.col1 + halo, width))
 
     def split(self, side: int) -> list[Tile]:
         """Squares of a side that it is made of, from its first pixel on, in row-major order."""
@@ -85,12 +79,8 @@ class Tile:
 
     def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
         """Rows above and below, columns left and right, by which `outer` exceeds this tile."""
-        return (
-            self.row0 - outer.row0,
-            outer.row1 - self.row1,
-            self.col0 - outer.col0,
-            outer.col1 - self.col1,
-        )
+        above, left = self.row0 - outer.row0, self.col0 - outer.col0
+        return above, outer.row1 - self.row1, left, outer.col1 - self.col1
 
 
 def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> tuple[int, int]:
@@ -104,15 +94,10 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
     return _side(side, block[0], bands), _side(side, block[1], bands)
 
 
-def compact(
-    shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int, *, held: int = MOST_WITH_HALO
-) -> tuple[int, int]:
-    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it.
-
-    held : values of a tile with its halo, at most
-    """
+def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
+    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it."""
     rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
-    wide = (held // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
+    wide = (MOST_WITH_HALO // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
     return rows, _side(min(max(wide, min(shape[1], COMPACT)), 2 * COMPACT), block[1], 1)
 
 

@@ -349,7 +349,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
         cells = max(STRIP // (CHAIN_CELL * bands) // CHAIN_CELL, 1) if shape[1] >= scene.width else 1
         return CHAIN_CELL, cells * CHAIN_CELL
     if work.halo:
-        return tiling.compact(shape, block_of(scene), bands, work.halo, held=tiling.HELD_ALONE)
+        return tiling.compact(shape, block_of(scene), bands, work.halo)
     return shape
 
 
