@@ -11,7 +11,7 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -165,8 +165,7 @@ class Outcome:
     warnings: int = 0  # how many the sidecar holds
 
 
-Say = Callable[[str, Any], None]
-"""Callback for events: ``say("begin", name)`` and ``say("end", outcome)``."""
+COLUMNS = [f.name for f in fields(Outcome)]
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:

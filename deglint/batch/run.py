@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
@@ -27,7 +27,7 @@ from ..raster.scratch import MOVED, claimed, make_directory
 from ..raster.targets import check_target
 from ..readers.scenes import ListedScene
 from ..tiles import default_threads
-from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, Say, jobs_of, state_of
+from .jobs import DONE, FAILED, NO_WATER, TODO, Job, Order, Outcome, jobs_of, state_of
 
 log = logging.getLogger(__name__)
 STOP_PATIENCE = 10.0
@@ -36,13 +36,13 @@ STOP_PATIENCE = 10.0
 
 def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
-    overwrite: bool = False, dry_run: bool = False, say: Say | None = None,
+    overwrite: bool = False, dry_run: bool = False, done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
     """Remove glint from many scenes and return the outcome of each, in their order.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
     divided evenly). `overwrite` recomputes outputs of another recipe or of another input; finished scenes are never
-    recomputed. `dry_run` only reports what would be done. `say` is called on events.
+    recomputed. `dry_run` only reports what would be done. `done` is called with the outcome of each scene at its end.
 
     Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or
     another batch that runs in it.
@@ -53,11 +53,11 @@ def run_batch(
     found: dict[int, Outcome] = {}
     todo: dict[int, Job] = {}
 
-    def tell(what: str, about: Any) -> None:
-        if what == "end" and about.status == DONE:
-            MOVED.append(Path(about.output))  # by a worker; an interruption says so
-        if say is not None:
-            say(what, about)
+    def ended(outcome: Outcome) -> None:
+        if outcome.status == DONE:
+            MOVED.append(Path(outcome.output))  # by a worker; an interruption says so
+        if done is not None:
+            done(outcome)
 
     with contextlib.nullcontext() if dry_run else _claimed(order.directory):
         for i, job in enumerate(jobs):
@@ -69,8 +69,8 @@ def run_batch(
                 todo[i] = replace(job, outputs=replace(job.outputs, overwrite=overwrite or bool(why)))
                 continue
             found[i] = job.ended(status, why, begun=begun)
-            tell("end", found[i])
-        found |= _run_jobs(todo, order, processes, threads, tell)
+            ended(found[i])
+        found |= _run_jobs(todo, order, processes, threads, ended)
     return [found[i] for i in range(len(jobs))]
 
 
@@ -84,7 +84,7 @@ def _claimed(directory: Path) -> Iterator[None]:
 
 
 def _run_jobs(
-    todo: Mapping[int, Job], order: Order, processes: int, threads: int | None, say: Say
+    todo: Mapping[int, Job], order: Order, processes: int, threads: int | None, ended: Callable[[Outcome], None]
 ) -> dict[int, Outcome]:
     """Run the jobs and return their outcomes by index."""
     found: dict[int, Outcome] = {}
@@ -98,15 +98,14 @@ def _run_jobs(
                 line, process = idle.popitem() if idle else _start(order, each)
                 number = waiting.pop()
                 busy[line] = process, number, time.perf_counter()
-                say("begin", todo[number].scene.name)
                 with contextlib.suppress(OSError):  # it died: its line says so below
                     line.send(todo[number])
             for line in wait(list(busy)):
                 process, number, begun = busy[line]
-                done = _hear(line, process, todo[number], begun)
-                if done is not None:
-                    found[number] = done
-                    say("end", done)
+                outcome = _hear(line, process, todo[number], begun)
+                if outcome is not None:
+                    found[number] = outcome
+                    ended(outcome)
                     del busy[line]
                     if process.is_alive():
                         idle[line] = process

@@ -8,10 +8,10 @@ import json
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,8 +21,10 @@ from .grouped import SETTINGS, Grouped
 from .options import FILE, with_options
 from .running import printable
 
-log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from ..batch.jobs import Outcome
 
+log = logging.getLogger(__name__)
 
 batch_options = with_options(
     click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
@@ -86,7 +88,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
-            dry_run=given["dry_run"], say=_watch(len(listed), console),
+            dry_run=given["dry_run"], done=_watch(len(listed), console),
         )  # fmt: skip
     if table:
         _write_table(table, found)
@@ -116,47 +118,42 @@ def summary(found: list[Any]) -> list[str]:
     return [*out, "", f"{len(found)} scenes: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
 
 
-def _columns() -> list[str]:
-    from ..batch.jobs import Outcome
-
-    return [f.name for f in fields(Outcome)]
-
-
 def _check_table(path: Path, reads: list[str]) -> None:
     """Check that the table replaces no file other than an older table."""
+    from ..batch.jobs import COLUMNS
     from ..errors import WriteError
     from ..raster.targets import check_targets
 
     check_targets([path], {"an input": reads}, overwrite=True)
     if path.exists():
-        head = ",".join(_columns()).encode()
+        head = ",".join(COLUMNS).encode()
         with path.open("rb") as file:
             if file.read(len(head)) != head:
                 raise WriteError(f"{path} exists and is no summary of a batch. Name another file for --table.")
 
 
 def _write_table(path: Path, found: list[Any]) -> None:
+    from ..batch.jobs import COLUMNS
     from ..raster.output import write_text
     from ..raster.scratch import Scratch
 
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_columns())
+    rows.writerow(COLUMNS)
     rows.writerows([["" if v is None else shown(str(v)) for v in asdict(o).values()] for o in found])
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 
 
-def _watch(total: int, console: Console) -> Callable[[str, Any], None]:
+def _watch(total: int, console: Console) -> Callable[[Outcome], None]:
     """Callback that logs a line for each finished scene; on a terminal it shows the progress and the remaining time."""
-    done = count(1)
+    numbers = count(1)
 
-    def say(what: str, about: Any) -> None:
-        if what == "end":
-            why = f": {about.reason}" if about.reason else ""
-            took = f" in {about.seconds:.1f} s" if about.status == "done" else ""
-            number = next(done)
-            log.info("[%d/%d] %s %s%s%s", number, total, about.name, about.status, took, why)
-            console.progress("scenes", number, total)
+    def done(scene: Outcome) -> None:
+        why = f": {scene.reason}" if scene.reason else ""
+        took = f" in {scene.seconds:.1f} s" if scene.status == "done" else ""
+        number = next(numbers)
+        log.info("[%d/%d] %s %s%s%s", number, total, scene.name, scene.status, took, why)
+        console.progress("scenes", number, total)
 
-    return say
+    return done
