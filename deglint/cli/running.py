@@ -24,7 +24,6 @@ from ..errors import DeglintError, NoWaterError
 from ..shown import shown
 from .grouped import BoldContext
 
-Progress = Callable[[str, int, int], None]
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
 
 

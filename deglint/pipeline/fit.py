@@ -238,20 +238,17 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     model = model.for_bands(scene.names)
     if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
         raise InputError("the model holds the detector strips of another scene: fit it to this one.")
-    notes = [f"model {model.method}, fitted before"]
-    rule: WaterRule | None = None
-    bands: tuple[int, ...] = ()
+    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
+    fitted = Fitted(model, resolved, (f"model {model.method}, fitted before",), chain=chain)
     if recipe.mask == "auto":
         overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
-        rule, bands = overview.water, role_bands(overview.roles)
-        if rule is not None:
-            if not rule.has_water:
-                raise NoWaterError(rule.reason)
-            notes.append(rule.reason)
+        fitted = replace(fitted, water=overview.water, water_bands=role_bands(overview.roles))
+    rule = fitted.water
+    if rule is not None and not rule.has_water:
+        raise NoWaterError(rule.reason)
     log_water(rule, recipe.mask)
-    log_model(model, notes[:1])
-    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    return Fitted(model, resolved, tuple(notes), None, None, rule, bands, chain)
+    log_model(model, fitted.notes)
+    return fitted if rule is None else replace(fitted, notes=(*fitted.notes, rule.reason))
 
 
 @checked_keywords()

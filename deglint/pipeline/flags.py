@@ -11,7 +11,6 @@ scene: it is modelled, not removed.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,14 +25,12 @@ from ..physics.glint import VIEW_LIMIT
 from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
-from .outputs import PixelCounts
+from .outputs import PixelCounts, log
 from .overview import raster_of
 
 if TYPE_CHECKING:
     from .correct import Block, Correction
     from .outputs import Outputs
-
-log = logging.getLogger("deglint.pipeline")
 
 FLAGS = {
     1: "nodata: not valid, copied",
@@ -119,31 +116,24 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
 
 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
-    """Layout of the corrected image; its type is the scene's by default."""
-    info, bands = raster_of(scene).info, tuple(range(len(scene.bands)))
-    out = np.dtype(dtype or info.dtype)
-    nodata, masked = _marking(scene, out)
-    # bands of files without descriptions are known by their files' names, and must be in the output, too
-    names = tuple(info.descriptions[b] or scene.bands[b].name for b in bands)
-    return Layout(info, bands, out.name, nodata, options, names=names, masked=masked)
-
-
-def _marking(scene: Scene, dtype: np.dtype[Any]) -> tuple[float | None, bool]:
-    """How the output marks invalid pixels: nodata value, and whether it has a mask.
+    """Layout of the corrected image; its type is the scene's by default.
 
     The nodata is that of the input, if the type can hold it. There is a mask if the input has one, or if its nodata
     cannot be expressed otherwise.
     """
-    source = raster_of(scene)
-    value = next((n for n in source.info.nodatas if n is not None), None)
+    source, bands = raster_of(scene), tuple(range(len(scene.bands)))
+    info, out = source.info, np.dtype(dtype or source.info.dtype)
+    nodata = next((n for n in info.nodatas if n is not None), None)
     masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
-    if dtype.kind == "f":
-        held = value is None or not np.isfinite(value) or abs(value) <= np.finfo(dtype).max
-        return (value if held else float("nan")), masked
-    limits = np.iinfo(dtype)
-    if value is not None and limits.min <= value <= limits.max and float(value).is_integer():
-        return value, masked
-    return None, masked or value is not None or source.info.dtype.kind == "f"
+    if out.kind == "f":
+        if nodata is not None and np.isfinite(nodata) and abs(nodata) > np.finfo(out).max:
+            nodata = float("nan")
+    elif nodata is None or not (np.iinfo(out).min <= nodata <= np.iinfo(out).max and float(nodata).is_integer()):
+        masked = masked or nodata is not None or info.dtype.kind == "f"
+        nodata = None
+    # bands of files without descriptions are known by their files' names, and must be in the output, too
+    names = tuple(info.descriptions[b] or scene.bands[b].name for b in bands)
+    return Layout(info, bands, out.name, nodata, options, names=names, masked=masked)
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
