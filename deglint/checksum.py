@@ -59,11 +59,11 @@ class Checksum:
             if path.endswith(_VIEWER_FILES):
                 continue
             one, two = self._before.get(path), after.get(path)
-            if one is None or two is None or one[:3] != two[:3]:
-                if one != two or (path in self._before) != (path in after):
-                    return path
-            elif one != two and fingerprint(path)["crc32"] != crcs.get(path, ""):
-                return path  # its time was set back
+            same = one == two and (path in self._before) == (path in after)
+            if not same and one and two and one[:3] == two[:3]:  # its time may have been set back
+                same = fingerprint(path)["crc32"] == crcs.get(path, "")
+            if not same:
+                return path
         return None
 
     def _work(self) -> None:

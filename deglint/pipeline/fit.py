@@ -194,7 +194,7 @@ def _fit(job: Job) -> Fitted:
         why(others)
     method = "wiener" if method == "auto" else method
     log.info("compensation: %s", "none" if text == "off" else text)
-    chain, sample, outline = Chain(), None, None
+    chain, sample, outline, of_sample = Chain(), None, None, list[str]()
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
@@ -209,8 +209,7 @@ def _fit(job: Job) -> Fitted:
         model = METHODS[method].fit(job.request, None)
     else:
         sampler = sampler or learning.sampler_of(job.scene, recipe, overview, job.threads)
-        model, sample, outline = fit_sampled(job, sampler, method)
-    of_sample = (sample or {}).pop("notes", [])
+        (model, sample, outline), of_sample = fit_sampled(job, sampler, method)
     notes += of_sample
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours

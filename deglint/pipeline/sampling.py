@@ -46,8 +46,8 @@ Sampled = tuple[GlintModel, dict[str, Any], dict[str, Any] | None]
 """A model, the sidecar entries of its sample, and the sample's outline as GeoJSON if requested."""
 
 
-def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
-    """Fit a pointwise method to its sample, in batches if there is a tolerance."""
+def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[Sampled, list[str]]:
+    """Fit a pointwise method to its sample, in batches if there is a tolerance; also returns notes on the sample."""
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
     pool = sampler.squares(job.scene) if tolerance else sampler.tiles
     model: GlintModel | None = None
@@ -78,16 +78,15 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> Sampled:
             grows = READ_MARGIN * (worst / tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
             wanted = int(taken * min(max(grows, GROWTH[0]), GROWTH[1]))
     model = model or METHODS[method].fit(job.request, stats)
-    notes, numbers = [], dict(sampler.numbers)
+    notes: list[str] = []
+    numbers = dict(sampler.numbers)
     if tolerance:
         whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
         numbers["tolerance"], note, doubts = _reached(tolerance, errors, cells, taken, whole)
         notes, model = [note], replace(model, warnings=(*model.warnings, *doubts))
-    sampled = with_sample(job, model, stats.moments.n, places)
-    sampled[1].update(numbers)
-    where = _place(sampled[1]["rows_columns"])
-    sampled[1]["notes"] = [*notes, f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {where}"]
-    return sampled
+    model, entries, outline = with_sample(job, model, stats.moments.n, places)
+    notes.append(f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(entries['rows_columns'])}")
+    return (model, entries | numbers, outline), notes
 
 
 def _read(
