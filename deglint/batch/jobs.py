@@ -165,7 +165,7 @@ class Outcome:
     warnings: int = 0  # how many the sidecar holds
 
 
-COLUMNS = [f.name for f in fields(Outcome)]
+SUMMARY_COLUMNS = [f.name for f in fields(Outcome)]
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:

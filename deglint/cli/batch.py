@@ -120,26 +120,26 @@ def summary(found: list[Any]) -> list[str]:
 
 def _check_table(path: Path, reads: list[str]) -> None:
     """Check that the table replaces no file other than an older table."""
-    from ..batch.jobs import COLUMNS
+    from ..batch.jobs import SUMMARY_COLUMNS
     from ..errors import WriteError
     from ..raster.targets import check_targets
 
     check_targets([path], {"an input": reads}, overwrite=True)
     if path.exists():
-        head = ",".join(COLUMNS).encode()
+        head = ",".join(SUMMARY_COLUMNS).encode()
         with path.open("rb") as file:
             if file.read(len(head)) != head:
                 raise WriteError(f"{path} exists and is no summary of a batch. Name another file for --table.")
 
 
 def _write_table(path: Path, found: list[Any]) -> None:
-    from ..batch.jobs import COLUMNS
+    from ..batch.jobs import SUMMARY_COLUMNS
     from ..raster.output import write_text
     from ..raster.scratch import Scratch
 
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(COLUMNS)
+    rows.writerow(SUMMARY_COLUMNS)
     rows.writerows([["" if v is None else shown(str(v)) for v in asdict(o).values()] for o in found])
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
