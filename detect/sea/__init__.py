@@ -11,21 +11,6 @@ from .region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule, r
 from .search import Search, score_scene
 
 __all__ = [
-    "AFLOAT",
-    "ALONGSIDE",
-    "ATTACHED",
-    "NOT_SEA",
-    "RIM",
-    "SEA_WINDOW",
-    "SIDES",
-    "WATER",
-    "Clutter",
-    "SeaModel",
-    "SeaRule",
-    "Search",
-    "clutter_of",
-    "fit",
-    "region",
-    "score",
-    "score_scene",
+    "AFLOAT", "ALONGSIDE", "ATTACHED", "NOT_SEA", "RIM", "SEA_WINDOW", "SIDES", "WATER", "Clutter", "SeaModel",
+    "SeaRule", "Search", "clutter_of", "fit", "region", "score", "score_scene",
 ]  # fmt: skip

@@ -93,12 +93,11 @@ def score_scene(
     searched = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
     tail = Tail.of(searched, Tail.keep_for(max(pfa, 0.04), searched.size))
     candidates = find(searched > LOW * model.q90, scores)
-    area = pixel * pixel
-    clutter = clutter_of(tail, candidates, model.q90, area=tail.n * area / 1e6, fine=model.side == "both")
+    clutter = clutter_of(tail, candidates, model.q90, area=tail.n * (pixel * pixel) / 1e6, fine=model.side == "both")
     threshold = clutter.threshold(pfa)
     searched[classes == ATTACHED] = np.nan
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
-    found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=area)
+    found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=pixel * pixel)
     records = [
         {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
          "column": o.centroid[1], "false_per_km2": clutter.false_per_km2(o.score_top)} for o in found
