@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from benchmarks import ablation, away, floor, peers, scenes, seas, size, uncertainty
+from benchmarks import ablation, away, floor, peers, scenes, seas, size, uncertainty, varied
 from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
@@ -186,6 +186,25 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "-", "too few pixels"
     monkeypatch.setattr(uncertainty, "LEAST", 16)
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "0.50 (25.0 %)"
+
+
+def test_scenes_drawn_at_random_are_the_same_every_time_and_say_what_they_are():
+    setups = [varied.drawn(n) for n in range(varied.COUNT)]
+    assert setups == [varied.drawn(n) for n in range(varied.COUNT)]
+    said = ", ".join(varied.described(s) for s in setups)
+    assert all(
+        word in said for word in ("bottom", "coast", "foam", "boats", "misregistered", "striped", "JPEG", "cubic")
+    )
+
+
+def test_what_is_kept_of_floating_targets_is_their_contrast():
+    truth, afloat = np.full((2, 4, 4), 2.0), np.zeros((4, 4), bool)
+    afloat[1, 1] = True
+    truth[:, 1, 1] = 10.0
+    known = scenes.Known(Path("s.tif"), truth, np.array([2.0, 2.0]), ~afloat, (0,))
+    half = np.where(afloat, 6.0, 2.0)[None].repeat(2, axis=0)
+    assert varied.kept(known, truth, afloat) == 1
+    assert varied.kept(known, half, afloat) == 0.5
 
 
 @pytest.mark.slow
