@@ -44,10 +44,10 @@ STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of strong glint [%], and the width of the surrounding area that is excluded because of negative lobes
 [pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the pixels remain if glint has the size
 of a pixel."""
-NEGATIVE, NEGATIVE_SHEET = 0.1, 0.3
+NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
 """Share of the half of the sample with less glint that may be zero or negative in a band after removal [%]. There it
-depends on the level; under strong glint pixels become negative by errors of the kernels. Over a sheet of glint these
-errors affect all pixels."""
+depends on the level; under strong glint pixels become negative by errors of the kernels. And the share of the whole
+sample, where the level is below the least glint: less than 1 %, with a margin for what lies outside the sample."""
 DARKER = 0.75
 """Largest ratio of the NIR of water to its visible, relative to that of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
@@ -203,20 +203,35 @@ def shared_level(
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
-    short = [
-        float(np.percentile((p - v / s)[inside], 100 - (NEGATIVE_SHEET if sheet else NEGATIVE))) - at
-        for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
-        if (inside := (v > 0) & (together <= middle)).any()
-    ]  # fmt: skip
-    lowest = min(raised + max(short, default=0.0), middle)
+
+    def positive(where: npt.NDArray[np.bool_], negative: float) -> float:
+        """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
+        short = [
+            float(np.percentile((p - v / s)[inside], 100 - negative)) - at
+            for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
+            if (inside := (v > 0) & where).any()
+        ]  # fmt: skip
+        return min(raised + max(short, default=0.0), middle)
+
+    lowest = positive(together <= middle, NEGATIVE)
     chosen = max(raised, lowest)
-    if sheet and visible is not None and visible.any():
-        calm = together <= middle
-        excess = np.median(value[visible][:, calm] / slopes[visible, None] - prediction[visible][:, calm], axis=1)
-        darkest = DARKER / (1 - DARKER) * float(excess.min())
+    if sheet:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
-        chosen = max(min(raised, darkest), uneven, lowest)
+        chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
+        if chosen < raised:
+            lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
+            chosen = max(chosen, lowest)
     return np.asarray(level + (chosen - raised), np.float64), (max(float(lowest), 0.0), float(chosen), middle)
+
+
+def _darkest(sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None) -> float:
+    """Highest NIR of the water, from what the visible bands exceed the predicted glint by; infinite without them."""
+    if visible is None or not visible.any():
+        return np.inf
+    together = slopes @ sample.prediction
+    calm = together <= np.median(together)
+    excess = sample.value[visible][:, calm] / slopes[visible, None] - sample.prediction[visible][:, calm]
+    return DARKER / (1 - DARKER) * float(np.median(excess, axis=1).min())
 
 
 def _span(sample: LevelSample, together: FloatArray) -> float:
@@ -231,6 +246,7 @@ def shared_level_error(sample: LevelSample, slopes: Float64, visible: npt.NDArra
 
     The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
     level between the lowest possible and the one chosen, which is the likeliest (a triangle: the interval over root 6).
+    Errors of the removal may have raised the level above the NIR that water can have; the interval includes that.
     """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
@@ -240,4 +256,5 @@ def shared_level_error(sample: LevelSample, slopes: Float64, visible: npt.NDArra
     if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
         return error
     lowest, chosen, _ = shared_level(sample, slopes, visible)[1]
+    lowest = min(lowest, max(_darkest(sample, slopes, visible), 0.0))
     return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))
