@@ -226,7 +226,7 @@ def elsewhere(tmp_path):
     worker = subprocess.Popen([*call[:-1], f"{call[-1]}worker", *common, "--nthreads", "1", "--no-nanny"], **quiet)
     try:
         until = time.monotonic() + 30
-        while not said.exists() and time.monotonic() < until:
+        while not (said.exists() and said.read_text()) and time.monotonic() < until:
             time.sleep(0.1)
         yield json.loads(said.read_text())["address"], scheduler
     finally:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, State, clump_width, fit_chain
 from ..errors import FitError
+from ..morphology import grown
 from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.noise import noise, spread
-from ..remove.reference import grown
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
@@ -274,7 +274,7 @@ def without_ships(sample: Sample) -> Sample:
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
         high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]
         limit = FAR_OUT * spread(sample.values(high))
-        inside = [m & ~grown(plane > limit, NOT_JUDGED) for m, plane in zip(inside, high, strict=True)]
+        inside = [m & ~grown(plane > limit, 2 * NOT_JUDGED + 1) for m, plane in zip(inside, high, strict=True)]
     return replace(sample, inside=tuple(inside))
 
 
@@ -284,7 +284,7 @@ def _targets(state: State) -> Mask:
 
 def without_shore(sample: Sample) -> Sample:
     """The sample without pixels near land: these are mixed with land, which looks like glint and cannot be removed."""
-    inside = (m & ~grown(~s.water, NOT_JUDGED) for s, m in zip(sample.states, sample.inside, strict=True))
+    inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
 
@@ -293,7 +293,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
-            inside[n] = inside[n] & ~grown(mask, NOT_JUDGED)
+            inside[n] = inside[n] & ~grown(mask, 2 * NOT_JUDGED + 1)
     return tuple(inside)
 
 

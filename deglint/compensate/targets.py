@@ -26,6 +26,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..morphology import grown
 from ..remove.noise import noise
 from .spectra import Model, models
 from .state import SUN_ZENITH, Float32, Mask, Sample, Setting, State
@@ -232,8 +233,8 @@ class Excess:
             return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
 
         weigh(self.peaks())
-        T, some = weigh(near(S > 0, 3)), np.log(1 / RATE)
-        T = weigh(near(some < T, 7))
+        T, some = weigh(grown(S > 0, 3)), np.log(1 / RATE)
+        T = weigh(grown(some < T, 7))
         rows, columns = np.nonzero(some < T)
         T[rows, columns] += self.outline(rows, columns)
         return S, T, kind
@@ -265,7 +266,7 @@ class Excess:
         """
         import cv2
 
-        on = near(self.stage.threshold < T, 3) & (S > 0)
+        on = grown(self.stage.threshold < T, 3) & (S > 0)
         places = np.flatnonzero(on)
         light, s = (np.array(v, np.float32)[:, None] for v in (self.stage.light, self.stage.noise))
         if not places.size:
@@ -282,13 +283,6 @@ class Excess:
         share = np.clip(np.sort(self.at(beside) / np.maximum(spectrum, s), axis=0)[1], 0, 1)
         own = np.minimum(full, np.maximum(e + EXCEEDS * s, 0))
         return np.concatenate([places, beside]), np.concatenate([own, spectrum * share], axis=1) * light
-
-
-def near(where: Mask, side: int) -> Mask:
-    """The mask, dilated by a square of this side."""
-    import cv2
-
-    return np.asarray(cv2.dilate(where.view(np.uint8), np.ones((side, side), np.uint8))).view(np.bool_)
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
@@ -328,7 +322,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     blocks = [replace(x, stage=stage) for x in blocks]
-    found = [near(stage.threshold < replace(x, afloat=False).scores()[1], 3).astype(np.float32) for x in blocks]
+    found = [grown(stage.threshold < replace(x, afloat=False).scores()[1], 3).astype(np.float32) for x in blocks]
     share = float(sample.values(found).mean())
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..morphology import grown, square
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, check_looks, grown, land, opened, square, thinned, valid_for
+from .surface import BoolArray, Roles, WaterRule, check_looks, land, opened, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
+from ..morphology import grown, square
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, check_looks, grown, square, thinned, valid_for, water
+from .surface import BoolArray, Roles, WaterRule, check_looks, thinned, valid_for, water
 
 Float64Array = npt.NDArray[np.float64]
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError, InputError
+from ..morphology import grown, square
 from ..scene import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -191,13 +192,6 @@ def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
     return grown(core & ~missing, window) & ~missing
 
 
-def grown(mask: BoolArray, side: int) -> BoolArray:
-    """The mask, dilated by a square of this side."""
-    import cv2
-
-    return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
-
-
 def check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
     """Check that there are blocks, (band, row, column), with all bands."""
     if len(looks) == 0:
@@ -219,8 +213,3 @@ def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArr
 def thinned(values: FloatArray) -> FloatArray:
     """Every k-th value, so that enough remain for a percentile."""
     return values[:: 1 + values.size // ENOUGH_TO_RANK]
-
-
-def square(size: int) -> npt.NDArray[np.uint8]:
-    """A square structuring element."""
-    return np.ones((size, size), np.uint8)

@@ -19,13 +19,13 @@ from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
+from ..morphology import grown
 from ..raster.environment import enter_thread
 from ..readers.areas import open_area, window_area
 from ..readers.place import pixel_size
 from ..readers.sensorfile import optics_of
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
-from ..remove.reference import grown
 from ..remove.strips import Strips, filled
 from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
@@ -249,7 +249,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
     """Tiles with the sample at least a window away from land, where openings are too dark; unchanged if most of it is
     nearer.
     """
-    inner = [replace(t, sample=t.sample & ~grown(~t.water, size - 1)) for t in tiles]
+    inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
     return inner if enough else list(tiles)
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from .. import sensors
 from .. import tiles as tiling
+from ..morphology import grown
 from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
@@ -126,7 +127,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
         total, fill = total + here.size, fill + int(here.sum())
         single += (raw == value).sum(axis=(1, 2))
         areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
-        beside.append(raw[:, _beside(here)].mean(axis=0, dtype=float))
+        beside.append(raw[:, grown(here, 3) & ~here].mean(axis=0, dtype=float))
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
     least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
     if not least * total <= areas < total or all(n is None for n in nodatas):
@@ -151,13 +152,6 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
         best = np.argsort(many)[-4:]
         counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
     return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
-
-
-def _beside(mask: Mask) -> Mask:
-    """Neighbours of the pixels of a mask."""
-    import cv2
-
-    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))).view(np.bool_) & ~mask
 
 
 def _solid(mask: Mask) -> Mask:

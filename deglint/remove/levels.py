@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..moments import Float64
+from ..morphology import grown
 from ..scene import FloatArray
 from .kernels import FOLDS
-from .reference import grown
 
 _BINS_PER_BANDWIDTH = 8
 """Histogram bins per bandwidth."""
@@ -166,7 +166,7 @@ def _peak(counts: Float64) -> float:
 def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """The sample without the surroundings of strong glint, where resampling causes values that are too low."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
-    return sample & ~grown(strong, PIT // 2)
+    return sample & ~grown(strong, PIT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import CELL, Mask
+from ..morphology import grown
 from ..scene import FloatArray
 
 SIZE = 15
@@ -106,7 +107,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     everywhere = bool(water.all())
     if everywhere and not bright.any():
         return values, None
-    kept = inner = water if everywhere else water & ~grown(~water, rule.edge)
+    kept = inner = water if everywhere else water & ~grown(~water, 2 * rule.edge + 1)
     grains, over = _grains(values, rule), None
     bright &= inner
     for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship does not raise its own sea
@@ -115,7 +116,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
         found[bright] = (count >= LEAST_LOCAL) & (values[bright] > _mean(total, count, rule) + rule.limit)
         if not found.any():  # nor does anything the second time
             break
-        over = grown(found, rule.edge) & inner
+        over = grown(found, 2 * rule.edge + 1) & inner
         kept = inner & ~over
     if everywhere and over is None:
         return values, None
@@ -152,11 +153,3 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> npt.NDArray[np.float64]:
     """Mean of the values from their quantised sum and number; `rule.low` for no pixels."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)
-
-
-def grown(mask: Mask, edge: int) -> Mask:
-    """A mask with everything within `edge` pixels, in a square."""
-    import cv2
-
-    square = np.ones((2 * edge + 1, 2 * edge + 1), np.uint8)
-    return np.asarray(cv2.dilate(mask.view(np.uint8), square)).view(np.bool_)

@@ -33,6 +33,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
+from ..morphology import grown
 from ..scene import Band, FloatArray
 from . import kernels
 from .colour import SharedGlint, shared_glint
@@ -43,7 +44,7 @@ from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, sha
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import bordered, predicted
-from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, grown, open_squares
+from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
 from .strips import Strips, find_kernels, second_kind
@@ -261,7 +262,7 @@ def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
     out = []
     for a, t in zip(away, learnt, strict=True):
         far = (a > limits[:, None, None]).any(axis=0)
-        out.append(replace(t, teaches=t.sample & ~grown(far, kernels.KERNEL_REACH)))
+        out.append(replace(t, teaches=t.sample & ~grown(far, 2 * kernels.KERNEL_REACH + 1)))
     return out
 
 

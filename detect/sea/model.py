@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError, NoWaterError
+from deglint.morphology import grown
 
 from ..covariance import whitener
 from .glint import GlintScale
@@ -220,11 +221,10 @@ class _State:
 
     def narrow(self, model: SeaModel) -> None:
         """Exclude pixels that are far from the water, and two pixels around each, from the statistics."""
-        import cv2
 
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
-        self.used = self.water & ~cv2.dilate(far.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
+        self.used = self.water & ~grown(far, 5)
 
 
 def _sums(values: Array, side: int) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
+from deglint.morphology import grown
 
 Mask = npt.NDArray[np.bool_]
 Classes = npt.NDArray[np.uint8]
@@ -121,16 +122,10 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
         out[afloat], out[attached] = AFLOAT, ATTACHED
         land &= ~afloat
     if land.any():
-        out[(out == WATER) & _grown(land, 3)] = RIM
+        out[(out == WATER) & grown(land, 3)] = RIM
         if width:
             out[_alongside(land, rule)] = ALONGSIDE
     return out
-
-
-def _grown(mask: Mask, side: int) -> Mask:
-    import cv2
-
-    return np.asarray(cv2.dilate(mask.view(np.uint8), np.ones((side, side), np.uint8)).view(np.bool_))
 
 
 def _opened(mask: Mask, window: npt.NDArray[np.uint8]) -> Mask:
@@ -205,7 +200,7 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
-    near = _grown(land & ~chosen[labels], 2 * _ATTACHED_WITHIN + 1)
+    near = grown(land & ~chosen[labels], 2 * _ATTACHED_WITHIN + 1)
     near[[0, -1]] = near[:, [0, -1]] = True
     attached = np.zeros_like(chosen)
     attached[labels[near]] = True
@@ -218,7 +213,7 @@ def _continued(around: Mask, own: Mask) -> bool:
     `own` is the mask of the part. `around` is the land in the same window with a margin of `_ATTACHED_WITHIN` pixels.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
-    ring = _grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
+    ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
     angle = math.radians(rectangle(own)[2])
 
     def along(mask: Mask, angle: float) -> npt.NDArray[np.float64]:
@@ -243,7 +238,7 @@ def _alongside(land: Mask, rule: SeaRule) -> Mask:
     """
     length, width = rule.sides
     shortest = max(_SHORTEST / rule.pixel, 5.0) if rule.sides[0] * rule.pixel >= rule.length - 1 else 5.0
-    beside, wider = _grown(~land, 3), np.pad(land, _ATTACHED_WITHIN, mode="edge")
+    beside, wider = grown(~land, 3), np.pad(land, _ATTACHED_WITHIN, mode="edge")
     found: list[tuple[float, tuple[slice, slice], Mask]] = []
     for angle in np.arange(0, 180, 180 / _DIRECTIONS):
         narrow = land & ~_opened(land, _line(width + _HULL_BLUR + 1, angle + 90))
@@ -263,5 +258,5 @@ def _alongside(land: Mask, rule: SeaRule) -> Mask:
         if not (taken[rows, columns] & own).any():
             chosen[rows, columns] |= own
             box = (slice(max(rows.start - 1, 0), rows.stop + 1), slice(max(columns.start - 1, 0), columns.stop + 1))
-            taken[box] |= _grown(chosen[box], 3)
+            taken[box] |= grown(chosen[box], 3)
     return chosen

@@ -1,0 +1,20 @@
+"""Masks grown by a square."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["grown", "square"]
+
+
+def square(side: int) -> npt.NDArray[np.uint8]:
+    """A square structuring element."""
+    return np.ones((side, side), np.uint8)
+
+
+def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
+    """The mask, dilated by a square of this side."""
+    import cv2
+
+    return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
