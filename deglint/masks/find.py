@@ -46,10 +46,13 @@ WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 LEAST_BODY = 25
 """Fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs."""
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""Boats and narrow land are brighter, all over a square of half the width of a patch of glint, than the brightest clump
-of glint of 3 x 3 pixels is in three quarters of the squares of 64 pixels; in others there may be boats. Glint, over
-such a square, reaches .02 to .7 times that brightness, for winds of 2 to 12 m/s and pixels of .1 to .5 m, and .82 times
-where it is concentrated in a fifth of the image; boats that are not saturated have 1.2 to 4 times."""
+"""The brightest clump of glint is the brightest square of 3 x 3 pixels, in three quarters of the squares of 64 pixels;
+in others there may be boats."""
+CORE, DIM = 7, 0.3
+"""Boats and narrow land are brighter than that all over a larger square: the smallest, from 7 pixels on, over which
+glint, measured in the same way, is less than .3 times as bright, and at most half of the width of a patch of glint. The
+brightest glint of a scene, over such a square, then reaches .03 to .78 times the brightness of the clump, for winds of
+2 to 12 m/s and pixels of .1 to 1 m; boats that are not saturated have 1.2 to 10 times."""
 AFLOAT = 2.0
 """And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
 are not, where there is no glint to compare with."""
@@ -151,13 +154,14 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     assert found is not None
     solid = view.brighter(found.threshold, window)
     rule = WaterRule(view.roles, window=window, **found._asdict())
-    core = max(w for w in WINDOWS if w == 1 or 2 * w <= widest + 1)
-    if core > CLUMP:
-        level, plume = found.nir_level, AFLOAT * abs(found.contrast)
-        bright, red = (level + max(view.clumps(solid, level, red=r), plume) for r in (False, True))
-        if np.isfinite(bright):
-            rule = replace(rule, core=core, bright=bright, red=red)
-            solid = [land(b, rule) for b in view.blocks]
+    level, plume = found.nir_level, AFLOAT * abs(found.contrast)
+    clump = max(view.clumps(solid, level), plume)
+    sides = [w for w in WINDOWS if CORE <= w <= max(CORE, (widest + 1) // 2)] if widest >= CORE else []
+    if sides and np.isfinite(clump):
+        core = next((w for w in sides if view.clumps(solid, level, w) <= DIM * clump), sides[-1])
+        red = max(view.clumps(solid, level, red=True), plume)
+        rule = replace(rule, core=core, bright=level + clump, red=level + red)
+        solid = [land(b, rule) for b in view.blocks]
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
@@ -250,8 +254,9 @@ class _View:
         nir = self.roles.nir
         return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
-    def clumps(self, solid: Sequence[BoolArray], level: float, *, red: bool) -> float:
-        """Height of the brightest clump of glint above a level in squares of sea; infinite where too little is in view.
+    def clumps(self, solid: Sequence[BoolArray], level: float, side: int = CLUMP, *, red: bool = False) -> float:
+        """Height of the brightest clump of glint of this side above a level in squares of sea; infinite where too
+        little is in view.
 
         `red`: only pixels with more NIR than visible. Glint has them only where bands are not simultaneous.
         """
@@ -260,7 +265,7 @@ class _View:
             open_sea, nir = valid & ~grown(other, SQUARE // 2 + 1), block[self.roles.nir]
             if red:
                 nir = np.where(nir > block[self.roles.visible[0]], nir, nir.dtype.type(level))
-            nir = _opened_band(nir, open_sea, CLUMP)
+            nir = _opened_band(nir, open_sea, side)
             for row in range(0, nir.shape[0] - SQUARE + 1, SQUARE):
                 for column in range(0, nir.shape[1] - SQUARE + 1, SQUARE):
                     part = slice(row, row + SQUARE), slice(column, column + SQUARE)
