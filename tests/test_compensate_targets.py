@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deglint.compensate.spectra import reflectances
-from deglint.compensate.state import Sample, Setting, State
+from deglint.compensate.state import Sample, Setting, State, saturation
 from deglint.compensate.targets import Excess, Targets, extrapolated, fit
 from deglint.errors import FitError
 from deglint.physics.atmosphere import irradiance
@@ -125,6 +125,33 @@ def test_without_a_background_only_what_floats_is_restored():
     assert excess.afloat
     assert every == 50
     assert afloat == 0
+
+
+def test_a_clipped_peak_is_no_target_as_its_spectrum_is_not_known():
+    image, clean, added = scene("white")
+    state, stage = fitted(image, clean)
+    assert contrast(stage.apply(state).targets, added) > 0.9
+    full = 0.9 * image[:, CENTRE[0] + 1, CENTRE[1] + 1]
+    bands = tuple(replace(b, saturation=float(v)) for b, v in zip(DELAYED.bands, full, strict=True))
+    state, stage = fitted(np.minimum(image, full[:, None, None]), clean, replace(DELAYED, bands=bands))
+    assert not stage.apply(state).targets.any()
+
+
+def test_saturation_is_declared_or_where_values_pile_up():
+    rng = np.random.default_rng(1)
+    sparkling = 0.01 + rng.lognormal(-4, 1.2, (2, 200, 200))
+    fine = np.round(sparkling * 4000) / 4000
+    coarse = np.round(sparkling * 255) / 255
+
+    def found(image, declared=None):
+        state = State.of(image)
+        bands = (Band("a", saturation=declared), Band("b"))
+        return saturation(Sample((state,), (state.water,)), Setting(bands, (1,)))
+
+    assert np.isinf(found(fine)).all()
+    assert found(fine, 0.5) == pytest.approx([0.999 * 0.5, np.inf])
+    assert found(np.minimum(fine, 0.4), 16.0) == pytest.approx([0.999 * 0.4] * 2)
+    assert np.isinf(found(np.minimum(coarse, 51 / 255))).all()
 
 
 def test_flashes_that_last_for_half_of_the_bands_are_sparkle():

@@ -174,3 +174,23 @@ class Sample:
 
 FEWEST = 64
 """Fewest pixels for a level and a standard deviation."""
+NEARLY, PILED, STEPS = 0.99, 3, 1000
+"""A band is saturated at its highest value if at least 3 pixels, and half of those within a percent of it, have exactly
+that value. In images of fewer than 1000 steps pixels have equal values by chance."""
+ROUNDED = 0.999
+"""Share of the saturation value from which pixels count as saturated: values are rounded."""
+
+
+def saturation(sample: Sample, setting: Setting) -> npt.NDArray[np.float64]:
+    """Value from which each band of the scene is saturated, as declared, or where values pile up; infinity where not
+    known.
+    """
+    found = setting.saturation.copy()
+    for b in range(len(found)):
+        values = np.concatenate([s.raw[b][s.water] for s in sample.states])
+        top = values.max(initial=0)
+        near = values[values > NEARLY * top]
+        some = np.diff(np.unique(values[:: 1 + values.size // 1000]))
+        if np.sum(near == top) >= max(PILED, near.size / 2) and some.size and some.min() * STEPS < top:
+            found[b] = min(found[b], top)
+    return ROUNDED * found

@@ -29,7 +29,7 @@ import numpy.typing as npt
 from ..morphology import grown
 from ..remove.noise import noise
 from .spectra import Model, models
-from .state import SUN_ZENITH, Float32, Mask, Sample, Setting, State
+from .state import SUN_ZENITH, Float32, Mask, Sample, Setting, State, saturation
 
 Float64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
@@ -79,6 +79,8 @@ class Targets:
         Radiance of a white target, in a unit in which the median of the bands has noise of standard deviation 1.
     noise, water : tuple of float
         Standard deviation of noise, and radiance of water, over `light`.
+    full : tuple of float
+        Value from which a band is saturated [unit of the image].
     top, tables, first, following : float, tuple
         Upper end of the histograms [asinh(excess)]; index into `following` for each band but the first; log probability
         of each bin in the first band; log probability of each bin in a band given the bin in the band before.
@@ -93,6 +95,7 @@ class Targets:
     light: Sequence[float] = ()
     noise: Sequence[float] = ()
     water: Sequence[float] = ()
+    full: Sequence[float] = ()
     top: float = 1.0
     tables: Sequence[int] = ()
     first: Sequence[float] = field(default=(), repr=False)
@@ -102,8 +105,10 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block: local mean, peaks and their neighbours, surroundings, two sums, outline, reach."""
-        return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
+        """Pixels around a block: local mean, peaks and their neighbours, saturated ones, surroundings, two sums,
+        outline, reach.
+        """
+        return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
         """Find targets; where no background was determined, they are also subtracted from the image."""
@@ -212,6 +217,15 @@ class Excess:
             out[top : top + rows] = lit[top - first : top - first + rows]
         return out
 
+    def saturated(self) -> Mask:
+        """Pixels beside any that is saturated in some band. They are not tested: the spectrum of a clipped peak is that
+        of white paint.
+        """
+        full = np.zeros(self.raw[0].shape, np.bool_)
+        for raw, limit in zip(self.raw, self.stage.full, strict=False):  # none in models saved by 0.2.0.dev
+            full |= raw >= np.float32(limit)
+        return grown(full, 3)
+
     def scores(self) -> tuple[Float32, Float32, Kinds]:
         """S from `LONE` on (else 0), the score of 3 x 3 pixels, and the best spectrum: at peaks and around them."""
         import cv2
@@ -232,6 +246,7 @@ class Excess:
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
             return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
 
+        known |= self.saturated()
         weigh(self.peaks())
         T, some = weigh(grown(S > 0, 3)), np.log(1 / RATE)
         T = weigh(grown(some < T, 7))
@@ -342,7 +357,8 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
     light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
     s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
     light *= np.median(s / light)
-    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light)]
+    full = saturation(sample, setting)[list(order)]
+    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light, full)]
     return Targets(tuple(order), *numbers)  # type: ignore[arg-type]
 
 
