@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import WriteError
-from .local import COMPANIONS, real
+from .files import COMPANIONS, real
 
 MOVED: list[Path] = []
 """Outputs that this process has moved into place; a command that is interrupted later reports them."""
