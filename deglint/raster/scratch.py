@@ -14,6 +14,7 @@ import os
 import platform
 import re
 import secrets
+import shutil
 import signal
 import sys
 import threading
@@ -22,13 +23,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import WriteError
+from ..errors import InputError, ReadError, WriteError
 from .files import COMPANIONS, real
+from .info import gdal_errors, one_line
 
 MOVED: list[Path] = []
 """Outputs that this process has moved into place; a command that is interrupted later reports them."""
 _HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
 """Signals that are held while files are moved."""
+DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 _LONGEST = 180
 """Bytes of an output's name that its scratch file keeps: the whole name must fit into 255 bytes."""
 
@@ -234,18 +237,14 @@ def clear_scratch(target: Path) -> None:
     A replaced file is restored if the output is missing.
     """
     place = real(target)
-    # names without machine and process are those of versions before 0.2
-    name = re.compile(re.escape(_head(place)) + r"(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{8}\.(part|parts|old)(\.\w+)*")
+    name = re.compile(re.escape(_head(place)) + r"([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.(part|old)(\.\w+)*")
     with contextlib.suppress(OSError):
         for path in place.parent.glob(f"{glob.escape(_head(place))}*"):
             found = name.fullmatch(path.name)
-            if found is None or (found[1] and (int(found[1], 16) != _machine() or _alive(int(found[2])))):
+            if found is None or int(found[1], 16) != _machine() or _alive(int(found[2])):
                 continue
             if found[3] == "old" and not place.exists():
                 path.rename(place)
-            elif path.is_dir():
-                _discard(*path.iterdir())
-                path.rmdir()
             else:
                 _discard(path)
 
@@ -280,3 +279,39 @@ def _discard(*paths: Path) -> None:
     for path in paths:
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
+
+
+def free_bytes(directory: Path) -> int | None:
+    """Free bytes on a disk; None where not available."""
+    try:
+        return shutil.disk_usage(directory).free
+    except OSError:
+        return None
+
+
+@contextlib.contextmanager
+def write_errors(target: Path) -> Iterator[None]:
+    """Turn errors while a file is written into one-line errors."""
+    try:
+        yield
+    except gdal_errors(OSError) as error:
+        if isinstance(error, WriteError):
+            raise
+        if isinstance(error, ReadError):  # what was just written cannot be read again
+            error = OSError(DISK_FULL)
+        raise WriteError(f"cannot write {target}: {_reason(target.parent, error)}") from error
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(f"cannot write {target} with these options: {one_line(error)}.") from error
+
+
+def _reason(directory: Path, error: BaseException) -> str:
+    text = ""
+    cause: BaseException | None = error
+    while cause is not None:
+        text, cause = f"{text} {cause}", cause.__cause__ or cause.__context__
+    free = free_bytes(directory)
+    if "No space left" in text or (free is not None and free < 1 << 20):
+        return f"the disk is full ({directory}). Nothing was changed; free some space."
+    if DISK_FULL in text or "rite error" in text:
+        return f"{DISK_FULL}. Nothing was changed."
+    return f"{one_line(error)}. Nothing was changed."
