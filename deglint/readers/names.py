@@ -187,27 +187,12 @@ def _shared(parts: Sequence[Sequence[str]]) -> int:
     return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
 
 
-_EXAMPLES = {
-    1: "nir",
-    2: "red,nir",
-    3: "green,red,nir",
-    5: "blue,green,red,rededge,nir",
-    6: "blue,green,red,nir,swir1,swir2",
-    7: "coastal,blue,green,red,nir,swir1,swir2",
-    8: "coastal,blue,green,yellow,red,rededge,nir1,nir2",
-}
-_LONGEST_EXAMPLE = 20
-"""Most bands that an example names one by one."""
-
-
 def example_names(count: int) -> str:
-    """Example of names for `--bands`, for messages.
+    """Example of names for `--bands`, for messages; abbreviated above 20 bands.
 
-    >>> example_names(4), example_names(10)
-    ('blue,green,red,nir', 'blue,green,red,nir,b5,b6,b7,b8,b9,b10')
+    >>> example_names(2), example_names(6)
+    ('blue,nir', 'blue,green,red,nir,b5,b6')
     """
-    if count in _EXAMPLES:
-        return _EXAMPLES[count]
-    if count > _LONGEST_EXAMPLE:
+    if count > 20:
         return f"b1,b2,...,b{count}"
-    return ",".join(["blue", "green", "red", "nir", *(f"b{i}" for i in range(5, count + 1))])
+    return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])

@@ -147,8 +147,8 @@ def example_of(scene: Scene) -> str:
         return example_names(len(known) + hidden)
     names = [b.name if w else f"b{i}" for i, (b, w) in enumerate(zip(scene.bands, known, strict=True), start=1)]
     if hidden:
-        return ",".join([*names, "nir"])
-    if None in known:
+        names.append("nir")
+    elif None in known:
         names[known.index(None)] = "nir"
     return ",".join(names)
 
