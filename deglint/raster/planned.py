@@ -21,6 +21,7 @@ from .targets import Reads, check_targets
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
 Content = bytes | str | Mapping[str, Any] | Callable[[Path], None]
+_SIGNED = {"software": f"deglint {__version__}"}
 PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
 
 
@@ -57,7 +58,7 @@ def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -
         for target, data in targets.items():
             try:
                 if isinstance(data, Mapping):
-                    write_json(scratch, target, _signed(data))
+                    write_json(scratch, target, {**_SIGNED, **data})
                 elif callable(data):
                     data(scratch.add(target))
                 else:
@@ -73,21 +74,18 @@ def _kind(target: Path) -> str:
     return ".tif" if ending == ".tiff" else ending
 
 
-def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {"software": f"deglint {__version__}", **document}
-
-
 def _compact(document: Mapping[str, Any]) -> str:
     """JSON with each table and each layer on one line; the layers contain only finite numbers."""
-
-    head = {k: v for k, v in document.items() if k != "layers"}
-    lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
-    layers = [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in document["layers"].items()]
+    head = _SIGNED | {k: plain(v) for k, v in document.items() if k != "layers"}
+    lines, layers = (
+        [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
+        for values in (head, document["layers"])
+    )
     return "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
 
 
 def _netcdf(data: Any, path: Path) -> None:
-    data.attrs["software"] = f"deglint {__version__}"
+    data.attrs |= _SIGNED
     data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 

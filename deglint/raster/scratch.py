@@ -45,7 +45,7 @@ class Scratch:
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
-        self._files: list[tuple[Path, Path]] = []
+        self._files: dict[Path, Path] = {}  # scratch files by target
         self._overwrite = overwrite
 
     def __enter__(self) -> Scratch:
@@ -54,13 +54,12 @@ class Scratch:
     def add(self, target: Path) -> Path:
         """Create the name of a scratch file beside `target`."""
         clear_scratch(target)
-        scratch = beside(target, "part")
-        self._files.append((scratch, target))
-        return scratch
+        self._files[target] = beside(target, "part")
+        return self._files[target]
 
     def file(self, target: Path) -> Path:
         """The scratch file of a target that was added."""
-        return next(scratch for scratch, known in self._files if known == target)
+        return self._files[target]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
@@ -68,13 +67,13 @@ class Scratch:
                 with signals_held():
                     self._commit()
         finally:
-            _discard(*(Path(f"{scratch}{ending}") for scratch, _ in self._files for ending in ("", *COMPANIONS)))
+            _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
         umask = os.umask(0)
         os.umask(umask)
-        with _one_at_a_time({real(target).parent for _scratch, target in self._files}):
-            for scratch, target in self._files:
+        with _one_at_a_time({real(target).parent for target in self._files}):
+            for target, scratch in self._files.items():
                 if not self._overwrite and os.path.lexists(target):
                     raise WriteError(
                         f"{target} was made by another run meanwhile, and stays. Give --overwrite to replace it."
@@ -84,8 +83,8 @@ class Scratch:
                         f"cannot write {target}: what was written for it, {scratch.name}, was taken away meanwhile. "
                         "Nothing was changed; run again."
                     )
-            _move([(scratch, real(target)) for scratch, target in reversed(self._files)], umask)
-        MOVED.extend(target for _scratch, target in self._files)
+            _move([(scratch, real(target)) for target, scratch in reversed(self._files.items())], umask)
+        MOVED.extend(self._files)
 
 
 def _move(files: Sequence[tuple[Path, Path]], umask: int) -> None:

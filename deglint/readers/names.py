@@ -87,17 +87,12 @@ def wavelength_in_name(name: str) -> float | None:
             return round(number * 1000, 6)
         year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
         return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
-    limits = _colour_limits(text)
+    limits = _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)  # None also where two colours are named
     if limits is None:
         return None
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
     fits = [n for n in numbers if limits[0] <= n <= limits[1]]
     return fits[0] if len(fits) == 1 else None
-
-
-def _colour_limits(text: str) -> tuple[float, float] | None:
-    """Range of wavelengths for the colour word of a name; None without a colour, or with two."""
-    return _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)
 
 
 def nominal_wavelength(name: str) -> float | None:

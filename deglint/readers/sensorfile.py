@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 from .. import sensors
 from ..errors import InputError
@@ -82,15 +82,10 @@ def optics_of(scene: Scene) -> KnownOptics | None:
         smear = number(tags.get("SMEAR_PIXELS"))
         return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
     sensor = sensor_of(scene.sensor) if scene.sensor else None
-    if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
+    optics = sensor.optics if sensor else None
+    if sensor is None or optics is None or optics.pixel_pitch is None or optics.f_number is None:
         return None
-    optics = sensor.optics
-    ratio = optics.f_number
-    if ratio is None:
-        if not (optics.focal_length and optics.aperture):
-            return None
-        ratio = optics.focal_length / optics.aperture
-    return KnownOptics(ratio, 1e-6 * cast(float, optics.pixel_pitch), 0.5, f"preset {sensor.name} ({optics.status})")
+    return KnownOptics(optics.f_number, 1e-6 * optics.pixel_pitch, 0.5, f"preset {sensor.name} ({optics.status})")
 
 
 def _band(where: str, band: Any) -> dict[str, Any]:
