@@ -20,14 +20,13 @@ from .targets import Reads, check_targets
 
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
-Content = bytes | str | Mapping[str, Any] | Callable[[Path], None]
+Content = bytes | Mapping[str, Any] | Callable[[Path], None]
 _SIGNED = {"software": f"deglint {__version__}"}
-PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
 
 
 def check_plan(
     targets: Sequence[Path],
-    kinds: Sequence[str] = PLANNED_ENDINGS,
+    kinds: Sequence[str],
     reads: Reads | None = None,
     *,
     overwrite: bool = False,
@@ -53,7 +52,7 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
 
 def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
-    """Write pictures (bytes), text, numbers (for JSON), and what a function writes into a path, or none of them."""
+    """Write pictures or text (bytes), numbers (for JSON), and what a function writes into a path, or none of them."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             try:
@@ -62,7 +61,7 @@ def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -
                 elif callable(data):
                     data(scratch.add(target))
                 else:
-                    write_bytes(scratch, target, data if isinstance(data, bytes) else data.encode())
+                    write_bytes(scratch, target, data)
             except OSError as error:
                 if isinstance(error, WriteError):
                     raise
@@ -74,14 +73,15 @@ def _kind(target: Path) -> str:
     return ".tif" if ending == ".tiff" else ending
 
 
-def _compact(document: Mapping[str, Any]) -> str:
+def _compact(document: Mapping[str, Any]) -> bytes:
     """JSON with each table and each layer on one line; the layers contain only finite numbers."""
     head = _SIGNED | {k: plain(v) for k, v in document.items() if k != "layers"}
     lines, layers = (
         [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
         for values in (head, document["layers"])
     )
-    return "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
+    text = "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
+    return text.encode()
 
 
 def _netcdf(data: Any, path: Path) -> None:
