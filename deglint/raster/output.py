@@ -49,10 +49,9 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 def levels(height: int, width: int) -> list[int]:
     """Factors of the overviews of an image, such as [2, 4]."""
-    side, found = max(height, width), [2]
-    while side > _SMALLEST_OVERVIEW * found[-1]:
-        found.append(2 * found[-1])
-    return found if side >= OVERVIEWS_FROM else []
+    side = max(height, width)
+    count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
+    return [2 << k for k in range(count)]
 
 
 @dataclass(frozen=True)
