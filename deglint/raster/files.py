@@ -90,10 +90,8 @@ def local(name: str) -> list[str]:
     bare = re.sub(r"^[A-Za-z][\w+.-]*://", "", bare).replace("!", "/").replace("{", "").replace("}", "")
     pieces = [bare, bare.lstrip("/"), *re.split(r'[":,]', bare)]
     found = []
-    for piece in dict.fromkeys(pieces):
-        place = Path(piece) if piece.strip("/ ") else None
-        while place is not None and not os.path.lexists(str(place)):
-            place = place.parent if place.parent != place and len(place.parts) > 1 else None
+    for piece in map(Path, pieces):
+        place = next((p for p in (piece, *piece.parents) if os.path.lexists(p)), None)
         if place is not None and place.is_file():
             found.append(str(place))
     return list(dict.fromkeys(found))
