@@ -30,7 +30,7 @@ HTTP_PATIENCE = {
 """Timeouts of servers [s, byte/s], unless set in the process's environment: for connecting, for slow transfers, and for
 one response; number of retries of a temporary error."""
 
-LIMITS = {
+READ_LIMITS = {
     "DEGLINT_MAX_PIXELS": 1 << 40,  # of a raster: 1 048 576 x 1 048 576
     "DEGLINT_MAX_BLOCK_MB": 1024,  # of a block, all bands of it if they are interleaved by pixel [2^20 byte]
     "DEGLINT_INFO_SECONDS": 60,  # that `deglint info` takes for a scene [s]
@@ -82,8 +82,8 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def limit(name: str) -> int:
-    """A limit of `LIMITS`, or what the environment variable says."""
-    text = os.environ.get(name) or str(LIMITS[name])
+    """A limit of `READ_LIMITS`, or what the environment variable says."""
+    text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))
     except (ValueError, OverflowError):
