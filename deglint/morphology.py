@@ -1,11 +1,11 @@
-"""Masks grown by a square."""
+"""Masks grown and opened by a square."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["grown", "square"]
+__all__ = ["grown", "opened", "square"]
 
 
 def square(side: int) -> npt.NDArray[np.uint8]:
@@ -18,3 +18,10 @@ def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     import cv2
 
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
+
+
+def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
+    """The pixels of a mask that lie in squares of this side inside it."""
+    import cv2
+
+    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from deglint.errors import InputError, ReadError
-from deglint.raster.files import MOST_NESTED
+from deglint.raster.files import MOST_NESTED, TRUST
 from deglint.raster.info import open_dataset
-from deglint.raster.local import TRUST
 from deglint.readers.text import read_text
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none", "--nir", "4")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..morphology import grown, square
+from ..morphology import grown, opened
 from ..scene import FloatArray
 from .surface import BoolArray, Roles, WaterRule, check_looks, thinned, valid_for, water
 
@@ -131,9 +131,7 @@ def away_from_shore(mask: BoolArray) -> BoolArray:
     >>> int(away_from_shore(lake).sum())
     144
     """
-    import cv2
-
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(SHORE))).view(np.bool_)
+    return opened(mask, SHORE)
 
 
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
@@ -359,16 +357,12 @@ def _otsu(values: Float64Array) -> tuple[float, float]:
 
 def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule) -> BoolArray:
     """Apply all limits, and make the mask compact by an opening; invalid pixels are ignored."""
-    import cv2
-
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)
     chosen &= _far(valid & ~mask, rule.distance)
-    opened = cv2.morphologyEx((chosen | ~valid).view(np.uint8), cv2.MORPH_OPEN, square(CLEANING))
-    compact: BoolArray = opened.view(np.bool_) & chosen
-    return compact
+    return opened(chosen | ~valid, CLEANING) & chosen
 
 
 def _summarise(found: _Local, sample: SampleRule, valid: int) -> SampleRule:

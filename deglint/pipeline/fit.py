@@ -14,7 +14,7 @@ from ..compensate import Chain
 from ..errors import DeglintError, FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
-from ..raster.environment import LOOK_READS, enter_thread, environment, look_seconds
+from ..raster.environment import LOOK_READS, enter_thread, environment, limit
 from ..raster.source import Budget
 from ..readers.place import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
@@ -276,7 +276,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
                "suggested_method", "reason", "choice")  # fmt: skip
     out: dict[str, Any] = _header(scene) | dict.fromkeys(unknown) | {"tried": [], "notes": notes}
-    budget = raster_of(scene).budget = Budget(look_seconds(), LOOK_READS)
+    budget = raster_of(scene).budget = Budget(limit("DEGLINT_INFO_SECONDS"), LOOK_READS)
     try:
         with environment():
             fitted = _fit_noted(scene, recipe, threads or default_threads(), out)

@@ -30,15 +30,15 @@ HTTP_PATIENCE = {
 """Timeouts of servers [s, byte/s], unless set in the process's environment: for connecting, for slow transfers, and for
 one response; number of retries of a temporary error."""
 
-MOST_PIXELS = 1 << 40
-"""Most pixels (rows times columns) of a raster: 1 048 576 x 1 048 576."""
-MOST_BLOCK_MB = 1024
-"""Most memory of one block, all bands of it if they are interleaved by pixel [MB of 2^20 byte]."""
+READ_LIMITS = {
+    "DEGLINT_MAX_PIXELS": 1 << 40,  # of a raster: 1 048 576 x 1 048 576
+    "DEGLINT_MAX_BLOCK_MB": 1024,  # of a block, all bands of it if they are interleaved by pixel [2^20 byte]
+    "DEGLINT_INFO_SECONDS": 60,  # that `deglint info` takes for a scene [s]
+}
+"""Limits that environment variables of the same names override."""
 MOST_BANDS = 8192
-LOOK_SECONDS = 60
-"""Time limit of `deglint info` for a scene [s]."""
 LOOK_READS = 10_000
-"""Most windows that it reads: the tiles of 1024 x 1024 pixels of a scene of 100,000 x 100,000."""
+"""Most windows that `deglint info` reads: the tiles of 1024 x 1024 pixels of a scene of 100,000 x 100,000."""
 
 
 def environment() -> Any:
@@ -62,7 +62,7 @@ def enter_thread() -> None:
 
 def check_size(dataset: Any, path: str) -> None:
     """Reject an open dataset whose declared size exceeds the limits."""
-    pixels, most = dataset.width * dataset.height, _limit("DEGLINT_MAX_PIXELS", MOST_PIXELS)
+    pixels, most = dataset.width * dataset.height, limit("DEGLINT_MAX_PIXELS")
     if pixels > most:
         raise InputError(
             f"{path} declares {dataset.width} x {dataset.height} pixels; allowed are {most:,} in all. If that is "
@@ -70,7 +70,7 @@ def check_size(dataset: Any, path: str) -> None:
         )
     if dataset.count > MOST_BANDS:
         raise InputError(f"{path} declares {dataset.count} bands; allowed are {MOST_BANDS}. Take some of them.")
-    most_mb = _limit("DEGLINT_MAX_BLOCK_MB", MOST_BLOCK_MB)
+    most_mb = limit("DEGLINT_MAX_BLOCK_MB")
     shared = dataset.count if dataset.count and dataset.profile.get("interleave") == "pixel" else 1
     for (rows, columns), dtype in zip(dataset.block_shapes, dataset.dtypes, strict=True):
         size = rows * columns * shared * (np.dtype(dtype).itemsize if "complex_int" not in dtype else 4)
@@ -81,15 +81,9 @@ def check_size(dataset: Any, path: str) -> None:
             )
 
 
-def look_seconds() -> int:
-    """Time limit of `deglint info` [s]: DEGLINT_INFO_SECONDS, or `LOOK_SECONDS`."""
-    return _limit("DEGLINT_INFO_SECONDS", LOOK_SECONDS)
-
-
-def _limit(name: str, usual: int) -> int:
-    text = os.environ.get(name, "")
-    if not text:
-        return usual
+def limit(name: str) -> int:
+    """A limit of `READ_LIMITS`, or what the environment variable says."""
+    text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))
     except (ValueError, OverflowError):

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -18,19 +20,81 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from ..errors import InputError, ReadError
-from .local import COMPANIONS, check_kind, check_place, folder_of, identity, is_odd, local, refuse, trusted
 
+TRUST = "DEGLINT_VRT_SOURCES"
+"""Environment variable: folders, or "any", from which VRTs may read besides their own folder."""
+COMPANIONS = (".aux.xml", ".msk", ".ovr")
+"""Endings of files beside a raster that GDAL reads with it."""
 MOST_READS = 100_000
 """Most sources that are read for one band, if more than four times the number of files: nested mosaics multiply."""
 MOST_NESTED = 32
 """Most levels of nested VRTs."""
 MOST_VRT_BYTES = 64 << 20
+_DRIVER_PREFIX = re.compile(r"[A-Za-z][\w+.-]+:")
+_ODD = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 _IN_ARCHIVES = re.compile(r"/vsi(zip|tar|gzip|7z|rar)/", re.IGNORECASE)
 _ANYWHERE = {"sourcefilename", "sourcedataset", "dempath"}
 _NESTED = "<vrtdataset"
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 Sources = tuple[tuple[str, ...], ...]
 """Names of the sources of a VRT: those of the dataset, then those of each band."""
+
+
+def real(path: str | Path) -> Path:
+    """The path of a file with symbolic links resolved; it need not exist."""
+    return Path(os.path.realpath(path))
+
+
+def is_utf8(path: str | Path) -> bool:
+    """Whether a name is valid UTF-8: Linux allows any bytes."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def check_kind(path: str | Path) -> None:
+    """Reject a name that is neither a file nor a folder: reading it might never end."""
+    if not is_utf8(path):
+        raise ReadError(f"the name {os.fsencode(path)!r} is not UTF-8, and GDAL opens no other. Rename it.")
+    kind = "a pipe" if str(path).lower().startswith("/vsistdin") else None
+    with suppress(OSError, ValueError):
+        kind = kind or _ODD.get(stat.S_IFMT(os.stat(path).st_mode))  # noqa: PTH116  (some names cannot be a Path)
+    if kind:
+        raise ReadError(f"{path} is {kind}, which cannot be read as a file. Save what comes from it, and name that.")
+
+
+def identity(path: str | Path) -> tuple[int, int] | str:
+    """Identity of a file under any of its names: device and inode, or the resolved name if it does not exist."""
+    with suppress(OSError, ValueError):
+        found = os.stat(path)  # noqa: PTH116  (some names cannot be a Path)
+        return found.st_dev, found.st_ino
+    with suppress(OSError, ValueError):
+        return os.path.realpath(path)
+    return str(path)
+
+
+def is_odd(name: str) -> bool:
+    """Whether a GDAL name is more than a file name, such as a URL or a driver prefix."""
+    return name.startswith("/vsi") or "://" in name or bool(_DRIVER_PREFIX.match(name)) or name.lstrip().startswith("<")
+
+
+def local(name: str) -> list[str]:
+    """The local files that a GDAL name refers to, or lies in."""
+    if os.path.lexists(name):
+        return [name]
+    if len(name) > 4096 or not is_odd(name):
+        return []
+    bare = re.sub(r"^(/vsi[a-z0-9_]+/)+", "/", name.split("?")[0], flags=re.IGNORECASE)
+    bare = re.sub(r"^[A-Za-z][\w+.-]*://", "", bare).replace("!", "/").replace("{", "").replace("}", "")
+    pieces = [bare, bare.lstrip("/"), *re.split(r'[":,]', bare)]
+    found = []
+    for piece in map(Path, pieces):
+        place = next((p for p in (piece, *piece.parents) if os.path.lexists(p)), None)
+        if place is not None and place.is_file():
+            found.append(str(place))
+    return list(dict.fromkeys(found))
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
@@ -59,13 +123,13 @@ def _of_raster(name: str) -> Iterator[str]:
         return  # all of it lies there
     try:
         with open_dataset(name) as dataset:
-            files, nested = _listed(dataset, name), _walk_of(dataset, name)
+            files, nested = _listed(dataset, name), _nested_sources(dataset, name)
     except (InputError, ReadError):
         return
     yield from files
     for file in files:
         yield from local(file)
-    for file in nested.found:
+    for file in nested:
         yield file
         yield from local(file)
         stem = os.path.splitext(file)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
@@ -78,14 +142,14 @@ def check_before(name: str) -> None:
     """Reject a raster that must not be opened: a pipe, or a VRT with forbidden or too many sources."""
     check_kind(name)
     if is_vrt(name):
-        Walk(folder_of(name)).start(name)
+        _sources_behind(name, _folder_of(name))
 
 
 def check_after(dataset: Any, name: str) -> None:
     """Reject an open raster whose header refers to files outside of its folder."""
     if dataset.driver == "VRT":
         if not is_vrt(name):  # one that lies on a server, or in an archive
-            _walk_of(dataset, name)
+            _nested_sources(dataset, name)
         return
     if dataset.driver.startswith("SENTINEL2") or is_odd(name):
         return  # parts of a product lie in the folders above; archives and servers hold no other names
@@ -93,7 +157,7 @@ def check_after(dataset: Any, name: str) -> None:
     for file in _listed(dataset, name):
         beside = os.path.abspath(file).startswith(os.path.join(folder, ""))  # noqa: PTH100, PTH118
         if not (beside or file.startswith("/vsi") or file.endswith(COMPANIONS)):
-            check_place(file, folder, name)
+            _check_place(file, folder, name)
 
 
 def _listed(dataset: Any, name: str) -> list[str]:
@@ -104,78 +168,110 @@ def _listed(dataset: Any, name: str) -> list[str]:
         raise ReadError(f"{name} leads to a file whose name is not UTF-8. Rename that, and correct {name}.") from error
 
 
-def _walk_of(dataset: Any, name: str) -> Walk:
+def _nested_sources(dataset: Any, name: str) -> Iterable[str]:
     """The sources of an open dataset; none if it is not a VRT."""
+    if dataset.driver != "VRT":
+        return ()
     files = _listed(dataset, name)
-    walk = Walk(folder_of(files[0] if files else name))
-    if dataset.driver == "VRT":
-        if is_vrt(name):
-            walk.start(name)
-        else:
-            text = dataset.tags(ns="xml:VRT").get("xml:VRT", "")
-            walk.follow(sources_of(text, walk.folder, name))
-    return walk
+    folder = _folder_of(files[0] if files else name)
+    if is_vrt(name):
+        return _sources_behind(name, folder)
+    walk = _Walk(folder)
+    walk.follow(sources_of(dataset.tags(ns="xml:VRT").get("xml:VRT", ""), folder, name))
+    return walk.found
+
+
+def _sources_behind(name: str, folder: str) -> Iterable[str]:
+    """The sources of a local VRT at any depth, each of which is checked."""
+    walk = _Walk(folder)
+    reads = walk.follow(_parsed(name, _stamp(name)), (_key(name),))
+    if reads > MOST_READS and reads > 4 * len(walk.found):
+        raise InputError(
+            f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
+            f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
+        )
+    return walk.found
 
 
 @dataclass
-class Walk:
-    """Recursive search of the sources of a VRT, which checks each and counts the reads for a band."""
+class _Walk:
+    """Recursive search of the sources of a VRT in a folder, which checks each and counts the reads for a band."""
 
     folder: str
-    found: dict[str, None] = field(default_factory=dict)
-    _reads: dict[str, int] = field(default_factory=dict)
-    _open: list[str] = field(default_factory=list)
+    found: dict[str, int | None] = field(default_factory=dict)  # files read for each source; None: not known yet
 
-    def start(self, name: str) -> None:
-        """Search a local VRT."""
-        sources = _parsed(name, _stamp(name))
-        self._open.append(_key(name))
-        reads = self.follow(sources)
-        if reads > MOST_READS and reads > 4 * len(self.found):
-            raise InputError(
-                f"{name} reads {reads:,} sources for a band, most of them again and again; allowed are "
-                f"{MOST_READS:,}. Make one raster of it first: gdal_translate."
-            )
+    def follow(self, sources: Sources, inside: tuple[str, ...] = ()) -> int:
+        """Check sources, including nested VRTs; return the most reads for one band.
 
-    def follow(self, sources: Sources) -> int:
-        """Check sources, including nested VRTs; return the most reads for one band."""
-        whole, *bands = (sum(map(self._reads_of, names)) for names in sources)
+        `inside` are the VRTs in which they lie.
+        """
+        whole, *bands = (sum(self._reads_of(name, inside) for name in names) for names in sources)
         return whole + max(bands, default=0)
 
-    def _reads_of(self, name: str) -> int:
+    def _reads_of(self, name: str, inside: tuple[str, ...]) -> int:
         """Files that are read for a source: one, or those of a nested VRT."""
         if name not in self.found:
             self.found[name] = None
-            self._check(name)
-        if name not in self._reads:
-            nested = _inner(name)
-            if not nested:
-                return self._reads.setdefault(name, 1)
-            if _key(name) in self._open:
+            _check_source(name, self.folder)
+        if (reads := self.found[name]) is not None:
+            return reads
+        nested = _inner(name)
+        if nested:
+            key = _key(name)
+            if key in inside:
                 return 0  # it holds itself; GDAL stops there
-            if len(self._open) >= MOST_NESTED:
+            if len(inside) >= MOST_NESTED:
                 raise InputError(
                     f"VRTs lie in VRTs more than {MOST_NESTED} deep. Make one raster of it: gdal_translate."
                 )
-            self._open.append(_key(name))
-            self._reads[name] = self.follow(nested)
-            self._open.pop()
-        return self._reads[name]
+            inside = (*inside, key)
+        self.found[name] = reads = self.follow(nested, inside) if nested else 1
+        return reads
 
-    def _check(self, name: str) -> None:
-        check_kind(name)
-        if name.lower().startswith(("vrt://", _NESTED)):
-            return  # what it names is checked
-        if "any" in trusted():
+
+def _check_source(name: str, folder: str) -> None:
+    """Reject a source of a VRT outside of its folder and of the trusted folders."""
+    check_kind(name)
+    if name.lower().startswith(("vrt://", _NESTED)):
+        return  # what it names is checked
+    if name.startswith("/vsi") and os.path.normpath(name).startswith(os.path.normpath(folder) + "/"):
+        return  # beside the VRT on its server, or in its archive
+    inside = local(name)
+    elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
+    if is_odd(name) and not Path(name).exists() and elsewhere and "any" not in _trusted():
+        _refuse(name, folder, "a VRT", "any")
+    for file in inside or [name]:
+        _check_place(file, folder, "a VRT")
+
+
+def _check_place(file: str, folder: str, name: str) -> None:
+    """Reject a file outside of a folder and of the trusted folders."""
+    where = os.path.realpath(file)
+    for allowed in (folder, *_trusted()):
+        if allowed == "any" or where.startswith(os.path.join(os.path.realpath(allowed), "")):  # noqa: PTH118
             return
-        if name.startswith("/vsi") and os.path.normpath(name).startswith(os.path.normpath(self.folder) + "/"):
-            return  # beside the VRT on its server, or in its archive
-        inside = local(name)
-        elsewhere = not inside or (name.startswith("/vsi") and not _IN_ARCHIVES.match(name))
-        if is_odd(name) and not Path(name).exists() and elsewhere:
-            refuse(name, self.folder)
-        for file in inside or [name]:
-            check_place(file, self.folder, "a VRT")
+    _refuse(file, folder, name, os.path.dirname(where) if not is_odd(file) else "any")  # noqa: PTH120
+
+
+def _refuse(file: str, folder: str, name: str, trust: str) -> None:
+    raise InputError(
+        f"{name} in {folder or '.'} reads {file[:200]!r}, which is not in that folder. If you trust it, allow it: "
+        f"set the environment variable {TRUST}={trust} (folders with {os.pathsep!r} between them, or any)."
+    )
+
+
+def _trusted() -> list[str]:
+    """The folders trusted by the environment variable."""
+    return [t for t in os.environ.get(TRUST, "").split(os.pathsep) if t]
+
+
+def _folder_of(name: str) -> str:
+    """The folder of a raster with links resolved; in archives and on servers as in the GDAL name."""
+    if name.lstrip().startswith("<"):
+        return os.path.realpath(".")
+    if os.path.lexists(name):
+        return os.path.realpath(name if Path(name).is_dir() else Path(name).parent)
+    return os.path.dirname(name)  # noqa: PTH120
 
 
 def _inner(name: str) -> Sources:

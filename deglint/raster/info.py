@@ -31,7 +31,10 @@ REMOTE_NAME = re.compile(
 )
 _HEAD = 512
 """Bytes of a file that are read to recognise its format."""
+_OTHERWISE = "Name the raster itself, or convert it to GeoTIFF where it can be read"
 _FILE_KINDS = (
+    (rb"\Z", "is empty: copying or downloading it has failed. Do that again"),
+    (rb"\x00+\Z", "holds zeros where its header should be: copying or downloading it has failed. Do that again"),
     (rb"\s*(?:<!doctype html|<html)", "is a web page. Log in where the image lies, and download the file again"),
     (rb"version https://git-lfs", "is a pointer of Git LFS, not the image itself. Fetch it: git lfs pull"),
     (rb"ENVI\s", "is the header of an ENVI file. Name the image beside it"),
@@ -43,7 +46,10 @@ _FILE_KINDS = (
     (rb"\x89HDF|CDF[\x01\x02\x05]", "is HDF5 or NetCDF of a kind that GDAL here lacks. Convert it elsewhere"),
     (rb"\x00\x00\x00\x0cjP  |\xff\x4f\xff\x51", "is JPEG 2000, and damaged or of a kind that this GDAL lacks"),
     (rb"II[*+]\x00|MM\x00[*+]", "begins as a TIFF and is damaged. Copy or download it again"),
-)  # fmt: skip
+    (rb"[\t\n\r\x20-\x7e\x80-\xff]+\Z", f"is a text file. {_OTHERWISE}"),
+    (rb"", f"is of no format that is known. {_OTHERWISE}"),
+)
+"""What a file is whose beginning matches, and what to do; the first match counts."""
 _opening = threading.Lock()
 
 
@@ -155,16 +161,7 @@ def _what_instead(path: str) -> str:
         return f"may not be read by you. Ask for the permission (chmod u+r {path}), or copy it"
     except (OSError, ValueError):
         return "is of no format that is known. Convert it to GeoTIFF, or name the raster itself"
-    if not head:
-        return "is empty: copying or downloading it has failed. Do that again"
-    if not head.strip(b"\0"):
-        return "holds zeros where its header should be: copying or downloading it has failed. Do that again"
-    for pattern, said in _FILE_KINDS:
-        if re.match(pattern, head, re.IGNORECASE):
-            return said.format(path=path)
-    text = not re.search(rb"[^\t\n\r\x20-\x7e\x80-\xff]", head)
-    what = "is a text file" if text else "is of no format that is known"
-    return f"{what}. Name the raster itself, or convert it to GeoTIFF where it can be read"
+    return next(said.format(path=path) for pattern, said in _FILE_KINDS if re.match(pattern, head, re.IGNORECASE))
 
 
 def remedy(path: str) -> str:

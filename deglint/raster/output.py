@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
+import re
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,11 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import __version__
-from ..errors import WriteError
+from ..errors import InputError, WriteError
 from ..scene import Window
-from .failing import check_whole, free_bytes, refusals, write_errors
-from .info import RasterInfo, quiet
-from .scratch import Scratch
+from .info import RasterInfo, open_dataset, quiet
+from .scratch import DISK_FULL, Scratch, free_bytes, write_errors
 
 BLOCK = 512
 """Side of the output's blocks [pixel] if those of the input are not suitable."""
@@ -47,10 +49,9 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 def levels(height: int, width: int) -> list[int]:
     """Factors of the overviews of an image, such as [2, 4]."""
-    side, found = max(height, width), [2]
-    while side > _SMALLEST_OVERVIEW * found[-1]:
-        found.append(2 * found[-1])
-    return found if side >= OVERVIEWS_FROM else []
+    side = max(height, width)
+    count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
+    return [2 << k for k in range(count)]
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class RasterWriter:
         _check_space(path.parent, target, layout, profile)
         self._dataset: Any = None
         try:
-            with refusals(target, layout.options), write_errors(target):
+            with _refusals(target, layout.options), write_errors(target):
                 with quiet():
                     self._dataset = rasterio.open(path, "w", **profile)
                     if layout.overviews:  # the options are possible; they count when the blocks are put in order
@@ -156,13 +157,51 @@ class RasterWriter:
             self._dataset.close()
             if self.layout.overviews:
                 add_overviews(self.path, self._options, average=not self.layout.holds_flags)
-        check_whole(self.path, self.target)
+        _check_whole(self.path, self.target)
 
     def abort(self) -> None:
         """Close the file in whatever state it is."""
         if self._dataset is not None:
             with contextlib.suppress(Exception):
                 self._dataset.close()
+
+
+@contextlib.contextmanager
+def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
+    """Turn GDAL's warnings on creation options, unknown or not applicable, into errors."""
+    said: list[str] = []
+    mine = threading.get_ident()
+
+    def listen(record: logging.LogRecord) -> bool:
+        if record.thread == mine and record.levelno >= logging.WARNING:
+            said.append(record.getMessage())
+        return True
+
+    log = logging.getLogger("rasterio._env")
+    log.addFilter(listen)
+    try:
+        yield
+    finally:
+        log.removeFilter(listen)
+    for line in said:
+        if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
+            said_of_it = line.rpartition(" in ")[2].rstrip(".")
+            raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co.")
+
+
+def _check_whole(path: Path, target: Path) -> None:
+    """Check that all blocks are inside the file: GDAL does not report errors when it closes a file."""
+    with write_errors(target), open_dataset(str(path)) as dataset:
+        size = path.stat().st_size
+        planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
+        for band in planes:
+            rows, columns = dataset.block_shapes[band - 1]
+            across, down = -(-dataset.width // columns), -(-dataset.height // rows)
+            for x, y in ((0, 0), (across - 1, 0), (across - 1, down - 1), (across // 2, down // 2)):
+                start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
+                length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
+                if start is None or int(start) + int(length or 0) > size:
+                    raise OSError(DISK_FULL)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,13 +20,13 @@ from .targets import Reads, check_targets
 
 Plan = Any
 """What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
-Content = bytes | str | Mapping[str, Any] | Callable[[Path], None]
-PLANNED_ENDINGS = (".png", ".json", ".nc", ".tif")
+Content = bytes | Mapping[str, Any] | Callable[[Path], None]
+_SIGNED = {"software": f"deglint {__version__}"}
 
 
 def check_plan(
     targets: Sequence[Path],
-    kinds: Sequence[str] = PLANNED_ENDINGS,
+    kinds: Sequence[str],
     reads: Reads | None = None,
     *,
     overwrite: bool = False,
@@ -52,16 +52,16 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
 
 def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
-    """Write pictures (bytes), text, numbers (for JSON), and what a function writes into a path, or none of them."""
+    """Write pictures or text (bytes), numbers (for JSON), and what a function writes into a path, or none of them."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             try:
                 if isinstance(data, Mapping):
-                    write_json(scratch, target, _signed(data))
+                    write_json(scratch, target, {**_SIGNED, **data})
                 elif callable(data):
                     data(scratch.add(target))
                 else:
-                    write_bytes(scratch, target, data if isinstance(data, bytes) else data.encode())
+                    write_bytes(scratch, target, data)
             except OSError as error:
                 if isinstance(error, WriteError):
                     raise
@@ -73,21 +73,19 @@ def _kind(target: Path) -> str:
     return ".tif" if ending == ".tiff" else ending
 
 
-def _signed(document: Mapping[str, Any]) -> dict[str, Any]:
-    return {"software": f"deglint {__version__}", **document}
-
-
-def _compact(document: Mapping[str, Any]) -> str:
+def _compact(document: Mapping[str, Any]) -> bytes:
     """JSON with each table and each layer on one line; the layers contain only finite numbers."""
-
-    head = {k: v for k, v in document.items() if k != "layers"}
-    lines = [f"{json.dumps(k)}: {json.dumps(plain(v), allow_nan=False)}" for k, v in _signed(head).items()]
-    layers = [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in document["layers"].items()]
-    return "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
+    head = _SIGNED | {k: plain(v) for k, v in document.items() if k != "layers"}
+    lines, layers = (
+        [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
+        for values in (head, document["layers"])
+    )
+    text = "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
+    return text.encode()
 
 
 def _netcdf(data: Any, path: Path) -> None:
-    data.attrs["software"] = f"deglint {__version__}"
+    data.attrs |= _SIGNED
     data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 

@@ -14,6 +14,7 @@ import os
 import platform
 import re
 import secrets
+import shutil
 import signal
 import sys
 import threading
@@ -22,13 +23,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import WriteError
-from .local import COMPANIONS, real
+from ..errors import InputError, ReadError, WriteError
+from .files import COMPANIONS, real
+from .info import gdal_errors, one_line
 
 MOVED: list[Path] = []
 """Outputs that this process has moved into place; a command that is interrupted later reports them."""
 _HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGXCPU")
 """Signals that are held while files are moved."""
+DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 _LONGEST = 180
 """Bytes of an output's name that its scratch file keeps: the whole name must fit into 255 bytes."""
 
@@ -42,7 +45,7 @@ class Scratch:
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
-        self._files: list[tuple[Path, Path]] = []
+        self._files: dict[Path, Path] = {}  # scratch files by target
         self._overwrite = overwrite
 
     def __enter__(self) -> Scratch:
@@ -51,13 +54,12 @@ class Scratch:
     def add(self, target: Path) -> Path:
         """Create the name of a scratch file beside `target`."""
         clear_scratch(target)
-        scratch = beside(target, "part")
-        self._files.append((scratch, target))
-        return scratch
+        self._files[target] = beside(target, "part")
+        return self._files[target]
 
     def file(self, target: Path) -> Path:
         """The scratch file of a target that was added."""
-        return next(scratch for scratch, known in self._files if known == target)
+        return self._files[target]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
@@ -65,13 +67,13 @@ class Scratch:
                 with signals_held():
                     self._commit()
         finally:
-            _discard(*(Path(f"{scratch}{ending}") for scratch, _ in self._files for ending in ("", *COMPANIONS)))
+            _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
         umask = os.umask(0)
         os.umask(umask)
-        with _one_at_a_time({real(target).parent for _scratch, target in self._files}):
-            for scratch, target in self._files:
+        with _one_at_a_time({real(target).parent for target in self._files}):
+            for target, scratch in self._files.items():
                 if not self._overwrite and os.path.lexists(target):
                     raise WriteError(
                         f"{target} was made by another run meanwhile, and stays. Give --overwrite to replace it."
@@ -81,8 +83,8 @@ class Scratch:
                         f"cannot write {target}: what was written for it, {scratch.name}, was taken away meanwhile. "
                         "Nothing was changed; run again."
                     )
-            _move([(scratch, real(target)) for scratch, target in reversed(self._files)], umask)
-        MOVED.extend(target for _scratch, target in self._files)
+            _move([(scratch, real(target)) for target, scratch in reversed(self._files.items())], umask)
+        MOVED.extend(self._files)
 
 
 def _move(files: Sequence[tuple[Path, Path]], umask: int) -> None:
@@ -234,18 +236,14 @@ def clear_scratch(target: Path) -> None:
     A replaced file is restored if the output is missing.
     """
     place = real(target)
-    # names without machine and process are those of versions before 0.2
-    name = re.compile(re.escape(_head(place)) + r"(?:([0-9a-f]{8})-(\d+)-)?[0-9a-f]{8}\.(part|parts|old)(\.\w+)*")
+    name = re.compile(re.escape(_head(place)) + r"([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.(part|old)(\.\w+)*")
     with contextlib.suppress(OSError):
         for path in place.parent.glob(f"{glob.escape(_head(place))}*"):
             found = name.fullmatch(path.name)
-            if found is None or (found[1] and (int(found[1], 16) != _machine() or _alive(int(found[2])))):
+            if found is None or int(found[1], 16) != _machine() or _alive(int(found[2])):
                 continue
             if found[3] == "old" and not place.exists():
                 path.rename(place)
-            elif path.is_dir():
-                _discard(*path.iterdir())
-                path.rmdir()
             else:
                 _discard(path)
 
@@ -280,3 +278,39 @@ def _discard(*paths: Path) -> None:
     for path in paths:
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
+
+
+def free_bytes(directory: Path) -> int | None:
+    """Free bytes on a disk; None where not available."""
+    try:
+        return shutil.disk_usage(directory).free
+    except OSError:
+        return None
+
+
+@contextlib.contextmanager
+def write_errors(target: Path) -> Iterator[None]:
+    """Turn errors while a file is written into one-line errors."""
+    try:
+        yield
+    except gdal_errors(OSError) as error:
+        if isinstance(error, WriteError):
+            raise
+        if isinstance(error, ReadError):  # what was just written cannot be read again
+            error = OSError(DISK_FULL)
+        raise WriteError(f"cannot write {target}: {_reason(target.parent, error)}") from error
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(f"cannot write {target} with these options: {one_line(error)}.") from error
+
+
+def _reason(directory: Path, error: BaseException) -> str:
+    text = ""
+    cause: BaseException | None = error
+    while cause is not None:
+        text, cause = f"{text} {cause}", cause.__cause__ or cause.__context__
+    free = free_bytes(directory)
+    if "No space left" in text or (free is not None and free < 1 << 20):
+        return f"the disk is full ({directory}). Nothing was changed; free some space."
+    if DISK_FULL in text or "rite error" in text:
+        return f"{DISK_FULL}. Nothing was changed."
+    return f"{one_line(error)}. Nothing was changed."

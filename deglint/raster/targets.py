@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ..errors import InputError, WriteError
-from .files import files_behind
-from .local import COMPANIONS, identity, is_utf8, real
+from .files import COMPANIONS, files_behind, identity, is_utf8, real
 
 OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")

@@ -36,26 +36,20 @@ class ArrayScene:
     scene: Scene
     values: Any
     array: Any
-    _order: tuple[int, ...]
-    _band: Any
+    _ordered: Any  # the array with the dimensions of band (if there is one), rows and columns alone, in this order
 
     def like(self, values: Any) -> Any:
         """A DataArray with these (band, row, column) values, and all other properties of the original."""
-        out = values if self._band is not None else values[0]
-        kept = [d for d in range(self.array.ndim) if d not in self._order]
-        out = out.transpose([int(i) for i in np.argsort(self._order)])
-        for axis in kept:
-            out = out[(slice(None),) * axis + (None,)]
-        found = self.array.copy(data=out)
+        out = self._ordered.copy(data=values if self._ordered.ndim == 3 else values[0])
+        further = [d for d in self.array.dims if d not in out.dims]
+        found = self.array.copy(data=out.expand_dims(further).transpose(*self.array.dims).data)
         if found.dtype != self.array.dtype:
             found.encoding = {k: v for k, v in found.encoding.items() if k == "grid_mapping"}
         return found
 
     def plane(self, values: Any, name: str) -> Any:
         """A DataArray with these (row, column) values; georeferencing is kept, properties of bands are not."""
-        first = self.array if self._band is None else self.array.isel({self._band: 0}, drop=True)
-        dims = [self.array.dims[d] for d in self._order[-2:]]
-        first = first.squeeze([d for d in first.dims if d not in dims]).transpose(*dims)
+        first = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True)
         out = first.copy(data=values)
         out.name = name
         out.attrs = {k: v for k, v in out.attrs.items() if k in ("grid_mapping", "crs", "transform", "resolution")}
@@ -82,11 +76,9 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     for d, n in zip(array.dims, array.shape, strict=True):
         if d not in (rows, columns, band) and n != 1:
             raise InputError(f"dimension {d} has {n} entries: pass one at a time, such as array.isel({d}=0).")
-    order = tuple(array.dims.index(d) for d in (band, rows, columns) if d is not None)
-    values = array.data
-    kept = tuple(0 if d not in order else slice(None) for d in range(array.ndim))
-    values = values[kept].transpose([sorted(order).index(d) for d in order])
-    values = values if band is not None else values[None]
+    dims = [d for d in (band, rows, columns) if d is not None]
+    ordered = array.squeeze([d for d in array.dims if d not in dims]).transpose(*dims)
+    values = ordered.data if band is not None else ordered.data[None]
     if 0 in values.shape:
         raise InputError(f"the array holds no pixel: shape {dict(zip(array.dims, array.shape, strict=True))}.")
     info = _info(array, values, band, rows, columns)
@@ -97,7 +89,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
         tuple(bands), info.height, info.width, ArraySource(values, info), path=info.paths[0], crs=info.crs,
         transform=info.transform, sensor=preset, notes=(*notes, *told),
     )  # fmt: skip
-    return ArrayScene(scene, values, array, order, band)
+    return ArrayScene(scene, values, array, ordered)
 
 
 def axes(array: Any) -> tuple[Any, Any, Any]:

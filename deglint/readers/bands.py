@@ -165,10 +165,11 @@ def apply_sensor(
     `unnamed` are the 0-based bands whose name is only their number; they get the preset's name.
     """
     matched, how = match(bands, sensor, unnamed)
-    filled = [
-        b if own is None else _fill(replace(b, name=own.name) if i in unnamed else b, own)
-        for i, (b, own) in enumerate(zip(bands, matched, strict=True))
-    ]
+    filled = []
+    for i, (band, own) in enumerate(zip(bands, matched, strict=True)):
+        facts = ("wavelength", "width", "time_offset", "group") if own else ()
+        known = {name: getattr(own, name) for name in facts if getattr(band, name) is None}
+        filled.append(replace(band, name=own.name if own and i in unnamed else band.name, **known))
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
     without = [b.name for b, own in zip(bands, matched, strict=True) if own is None]
     if without:
@@ -242,8 +243,3 @@ def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
 def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     taken = [b for b in found if b is not None]
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
-
-
-def _fill(band: Band, own: SensorBand) -> Band:
-    facts = ("wavelength", "width", "time_offset", "group")
-    return replace(band, **{name: getattr(own, name) for name in facts if getattr(band, name) is None})

@@ -87,17 +87,12 @@ def wavelength_in_name(name: str) -> float | None:
             return round(number * 1000, 6)
         year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
         return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
-    limits = _colour_limits(text)
+    limits = _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)  # None also where two colours are named
     if limits is None:
         return None
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
     fits = [n for n in numbers if limits[0] <= n <= limits[1]]
     return fits[0] if len(fits) == 1 else None
-
-
-def _colour_limits(text: str) -> tuple[float, float] | None:
-    """Range of wavelengths for the colour word of a name; None without a colour, or with two."""
-    return _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)
 
 
 def nominal_wavelength(name: str) -> float | None:
@@ -187,27 +182,12 @@ def _shared(parts: Sequence[Sequence[str]]) -> int:
     return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
 
 
-_EXAMPLES = {
-    1: "nir",
-    2: "red,nir",
-    3: "green,red,nir",
-    5: "blue,green,red,rededge,nir",
-    6: "blue,green,red,nir,swir1,swir2",
-    7: "coastal,blue,green,red,nir,swir1,swir2",
-    8: "coastal,blue,green,yellow,red,rededge,nir1,nir2",
-}
-_LONGEST_EXAMPLE = 20
-"""Most bands that an example names one by one."""
-
-
 def example_names(count: int) -> str:
-    """Example of names for `--bands`, for messages.
+    """Example of names for `--bands`, for messages; abbreviated above 20 bands.
 
-    >>> example_names(4), example_names(10)
-    ('blue,green,red,nir', 'blue,green,red,nir,b5,b6,b7,b8,b9,b10')
+    >>> example_names(2), example_names(6)
+    ('blue,nir', 'blue,green,red,nir,b5,b6')
     """
-    if count in _EXAMPLES:
-        return _EXAMPLES[count]
-    if count > _LONGEST_EXAMPLE:
+    if count > 20:
         return f"b1,b2,...,b{count}"
-    return ",".join(["blue", "green", "red", "nir", *(f"b{i}" for i in range(5, count + 1))])
+    return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])

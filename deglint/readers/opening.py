@@ -6,7 +6,6 @@ Opening reads headers and tags only. Names may be GDAL names (`/vsizip/`, `zip:/
 from __future__ import annotations
 
 import math
-import numbers
 import os
 import re
 from collections.abc import Sequence
@@ -142,7 +141,7 @@ def _opened(
     paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
 ) -> list[products.OpenedFiles]:
     """The described files behind the names, with the properties from STAC Items; notes are appended to `notes`."""
-    assets = [a for p in paths for a in (stac.assets_of(p) if stac.is_item(p) else [stac.Asset(p)])]
+    assets = [asset for path in paths for asset in stac.assets_of(path)]
     alone = stated.count if len(assets) == 1 else None
     found = []
     for asset in assets:
@@ -285,22 +284,14 @@ def _names(given: Names | None) -> tuple[str, ...]:
 def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> list[float]:
     if given is None:
         return []
-    if isinstance(given, str):
-        parts: Sequence[object] = given.split(",")
-    else:
-        listed = given.tolist() if hasattr(given, "tolist") else given  # an array
-        parts = listed if isinstance(listed, (list, tuple)) else [listed]
-    found = []
-    for part in parts:
-        try:
-            fits = isinstance(part, (str, numbers.Real)) and not isinstance(part, bool)
-            value = float(part) if fits else math.nan  # type: ignore[arg-type]
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or (value == 0 and not zero):
-            what = "numbers" if zero else "numbers other than 0"
-            raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")
-        found.append(value)
+    values = np.array(given.split(",") if isinstance(given, str) else given, dtype=object).ravel()
+    try:
+        found = [math.nan if isinstance(value, bool) else float(value) for value in values]
+    except (TypeError, ValueError):
+        found = [math.nan]
+    if not np.isfinite(found).all() or (0 in found and not zero):
+        what = "numbers" if zero else "numbers other than 0"
+        raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")
     return found
 
 

@@ -147,8 +147,8 @@ def example_of(scene: Scene) -> str:
         return example_names(len(known) + hidden)
     names = [b.name if w else f"b{i}" for i, (b, w) in enumerate(zip(scene.bands, known, strict=True), start=1)]
     if hidden:
-        return ",".join([*names, "nir"])
-    if None in known:
+        names.append("nir")
+    elif None in known:
         names[known.index(None)] = "nir"
     return ",".join(names)
 
@@ -186,11 +186,8 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     index = _by_role(scene, text)
     if index is not None:
         return index
-    known = {n: scene.names[i] for i, n in enumerate(names)}
-    for role in _ROLES:
-        index = _by_role(scene, role)
-        if index is not None:
-            known.setdefault(role, f"{role} (band {index + 1} {scene.names[index]})")
+    roles = {role: f"{role} (band {i + 1} {scene.names[i]})" for role, i in band_roles(scene).items() if i is not None}
+    known = roles | dict(zip(names, scene.names, strict=True))
     near = difflib.get_close_matches(text, known, n=1)
     hint = f" Did you mean {known[near[0]]}?" if near else ""
     raise BandError(

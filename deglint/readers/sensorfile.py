@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, cast
+from dataclasses import dataclass, fields
+from typing import Any
 
 from .. import sensors
 from ..errors import InputError
 from ..raster import RasterInfo
 from ..scene import Scene
-from ..sensors import Sensor
+from ..sensors import Optics, Sensor, SensorBand
 from .products.metadata import number, positive
 from .text import read_toml
 
-_KINDS: Mapping[str, Callable[[Any], bool]] = {
-    "a text": lambda v: isinstance(v, str) and bool(v),
-    "a number": lambda v: isinstance(v, (int, float)) and not isinstance(v, bool) and 0 <= v < float("inf"),
-    "a list of texts": lambda v: isinstance(v, list) and all(isinstance(part, str) for part in v),
-    "a list": lambda v: isinstance(v, list),
-    "a table": lambda v: isinstance(v, Mapping),
-    "true or false": lambda v: isinstance(v, bool),
+_KINDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    "str": ("a text", lambda v: isinstance(v, str) and bool(v)),
+    "float": ("a number", lambda v: type(v) in (int, float) and 0 <= v < float("inf")),
+    "bool": ("true or false", lambda v: isinstance(v, bool)),
+    "tuple[str, ...]": ("a list of texts", lambda v: isinstance(v, list) and all(isinstance(part, str) for part in v)),
+    "tuple[tuple[str, ...], ...]": ("a list", lambda v: isinstance(v, list)),
+    "tuple[SensorBand, ...]": ("a list", lambda v: isinstance(v, list)),
+    "Optics": ("a table", lambda v: isinstance(v, Mapping)),
 }
-"""Types of entries by their name in messages."""
-_TEXT, _NUMBER, _TEXTS, _LIST, _TABLE, _YES_NO = _KINDS
-_SENSOR_FIELDS = {
-    "title": _TEXT, "bands": _LIST, "aliases": _TEXTS, "ordered": _YES_NO, "products": _LIST, "optics": _TABLE,
-    "sources": _TEXTS, "wavelength_status": _TEXT, "width_status": _TEXT, "time_status": _TEXT, "group_status": _TEXT,
-}  # fmt: skip
-_BAND = {
-    "name": _TEXT, "wavelength": _NUMBER, "width": _NUMBER, "aliases": _TEXTS, "time_offset": _NUMBER,
-    "time_status": _TEXT, "group": _TEXT,
-}  # fmt: skip
-_OPTICS = dict.fromkeys(("aperture", "focal_length", "pixel_pitch", "f_number"), _NUMBER) | {"status": _TEXT}
+"""Types of the fields of a sensor: their name in messages, and the check of an entry."""
+_BAND, _OPTICS, _SENSOR = (
+    {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
+)
+_OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
+"""Types of the entries of a sensor's file."""
 _USUAL_WIDTH = 50.0
 """Width of a band if not given [nm]: that of most bands of multispectral sensors."""
 _CENTRE_RANGE = (300.0, 20_000.0)
@@ -53,7 +49,7 @@ def sensor_of(name: str) -> Sensor:
     ((key, entry),) = document.items()
     where = f"{name} (--sensor): [{key}]"
     checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
-    _check(where, entry, _SENSOR_FIELDS, ("bands",))
+    _check(where, entry, _OF_FILE, ("bands",))
     checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
     _check_names(where, checked)
     if "optics" in entry:
@@ -82,15 +78,10 @@ def optics_of(scene: Scene) -> KnownOptics | None:
         smear = number(tags.get("SMEAR_PIXELS"))
         return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
     sensor = sensor_of(scene.sensor) if scene.sensor else None
-    if sensor is None or sensor.optics is None or sensor.optics.pixel_pitch is None:
+    optics = sensor.optics if sensor else None
+    if sensor is None or optics is None or optics.pixel_pitch is None or optics.f_number is None:
         return None
-    optics = sensor.optics
-    ratio = optics.f_number
-    if ratio is None:
-        if not (optics.focal_length and optics.aperture):
-            return None
-        ratio = optics.focal_length / optics.aperture
-    return KnownOptics(ratio, 1e-6 * cast(float, optics.pixel_pitch), 0.5, f"preset {sensor.name} ({optics.status})")
+    return KnownOptics(optics.f_number, 1e-6 * optics.pixel_pitch, 0.5, f"preset {sensor.name} ({optics.status})")
 
 
 def _band(where: str, band: Any) -> dict[str, Any]:
@@ -124,8 +115,9 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
     for key, value in entry.items():
         if key not in allowed:
             raise InputError(f"{where}: {key!r} is not one of {', '.join(allowed)}.")
-        if not _KINDS[allowed[key]](value):
-            raise InputError(f"{where}: {key}: want {allowed[key]}, got {str(value)[:60]!r}.")
+        wanted, fits = _KINDS[allowed[key]]
+        if not fits(value):
+            raise InputError(f"{where}: {key}: want {wanted}, got {str(value)[:60]!r}.")
         if key.endswith("status") and value not in _STATUS:
             raise InputError(f"{where}: {key}: want one of {', '.join(_STATUS)}, got {value[:60]!r}.")
     missing = [key for key in needed if key not in entry]

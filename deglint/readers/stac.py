@@ -66,7 +66,7 @@ class Asset:
 def assets_of(name: str) -> list[Asset]:
     """The files behind a name: the bands of a STAC Item, or the file itself."""
     found = _NAME.fullmatch(name)
-    if found is None:
+    if found is None or products.name_of(name) is not None:  # a product may have its metadata in JSON
         return [Asset(name)]
     path, wanted, keys = found[1], found[2] or "", tuple(k for k in (found[3] or "").split(",") if k)
     if not _REMOTE_ITEM.match(path) and (_SCHEME.match(path) or path.startswith("/vsi")):
@@ -82,21 +82,14 @@ def assets_of(name: str) -> list[Asset]:
     return bands_of_item(items[0], path, keys)
 
 
-def is_item(name: str) -> bool:
-    """Whether a name is that of a STAC Item, and not of a product's metadata."""
-    return _NAME.fullmatch(name) is not None and products.name_of(name) is None
-
-
 def files_of(name: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: a STAC Item and its bands, those of a product, else the name itself."""
-    if not is_item(name):
-        return products.files_of(name)
     try:
         assets = assets_of(name)
     except DeglintError:  # said where it is opened
         return (name,)
-    found = [file for asset in assets for file in products.files_of(asset.path)]
-    return (name.partition("#")[0], *found) if assets != [Asset(name)] else (name,)
+    found = tuple(file for asset in assets for file in products.files_of(asset.path))
+    return found if assets == [Asset(name)] else (name.partition("#")[0], *found)
 
 
 def read_document(path: str) -> Mapping[str, Any]:

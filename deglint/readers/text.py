@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
-from ..raster.local import check_kind
+from ..raster.files import check_kind
 
 MOST_TEXT_BYTES = 64 << 20
 """Largest file that is read [byte]."""

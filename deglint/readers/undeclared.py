@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from .. import sensors
 from .. import tiles as tiling
-from ..morphology import grown
+from ..morphology import grown, opened
 from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
@@ -36,7 +36,7 @@ ALONE = 0.99
 """The value is nodata of a band if this share of its occurrences is in all bands at once: a band may be 0 in many
 pixels of dark water."""
 SOLID = 8
-"""Inside the image nodata fills squares of this side [pixel]."""
+"""Inside the image nodata fills squares of this side [pixel]; saturated sparkle does not."""
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (DN - 1000) / 10000."""
 S2_FLOOR, S2_DARK = (950, 1150), 1300
@@ -126,7 +126,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
         here = alike & (raw[0] == value)
         total, fill = total + here.size, fill + int(here.sum())
         single += (raw == value).sum(axis=(1, 2))
-        areas += int((_solid(here) | _at_edge(scene, tile, here)).sum())
+        areas += int((opened(here, SOLID) | _at_edge(scene, tile, here)).sum())
         beside.append(raw[:, grown(here, 3) & ~here].mean(axis=0, dtype=float))
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
     least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
@@ -152,14 +152,6 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
         best = np.argsort(many)[-4:]
         counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
     return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
-
-
-def _solid(mask: Mask) -> Mask:
-    """Pixels in squares of SOLID pixels: areas, not saturated sparkle."""
-    import cv2
-
-    square = np.ones((SOLID, SOLID), np.uint8)
-    return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square).view(np.bool_))
 
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:

@@ -6,6 +6,7 @@ separate dataset, needs a complete product with the original file names, and doe
 
 from __future__ import annotations
 
+import cmath
 import math
 import re
 from pathlib import PurePosixPath
@@ -172,9 +173,8 @@ def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, s
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
     """Zenith angle and azimuth [degree] of the mean of several directions: azimuths 350 and 10 have the mean 0."""
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
-    directions = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
-    if not directions:
+    known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
+    if not known:
         return None, None
-    east = sum(math.sin(z) * math.sin(a) for z, a in directions) / len(directions)
-    north = sum(math.sin(z) * math.cos(a) for z, a in directions) / len(directions)
-    return math.degrees(math.asin(math.hypot(east, north))), math.degrees(math.atan2(east, north))
+    mean = sum(cmath.rect(math.sin(z), a) for z, a in known) / len(known)  # north + i east
+    return math.degrees(math.asin(math.hypot(mean.real, mean.imag))), math.degrees(cmath.phase(mean))
