@@ -48,7 +48,7 @@ LEAST_BODY = 25
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 """The brightest clump of glint is the brightest square of 3 x 3 pixels, in three quarters of the squares of 64 pixels;
 in others there may be boats."""
-CORE, DIM = 7, 0.3
+CORE, OF_CLUMP = 7, 0.3
 """Boats and narrow land are brighter than that all over a larger square: the smallest, from 7 pixels on, over which
 glint, measured in the same way, is less than .3 times as bright, and at most half of the width of a patch of glint. The
 brightest glint of a scene, over such a square, then reaches .03 to .78 times the brightness of the clump, for winds of
@@ -158,7 +158,7 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     clump = max(view.clumps(solid, level), plume)
     sides = [w for w in WINDOWS if CORE <= w <= max(CORE, (widest + 1) // 2)] if widest >= CORE else []
     if sides and np.isfinite(clump):
-        core = next((w for w in sides if view.clumps(solid, level, w) <= DIM * clump), sides[-1])
+        core = next((w for w in sides if view.clumps(solid, level, w) <= OF_CLUMP * clump), sides[-1])
         red = max(view.clumps(solid, level, red=True), plume)
         rule = replace(rule, core=core, bright=level + clump, red=level + red)
         solid = [land(b, rule) for b in view.blocks]
