@@ -146,7 +146,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
     rule = search = None
     if recipe.method == "local":
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = WindowRule(*recipe.window, recipe.border, (scene.height, scene.width), recipe.ddof, ridge)
+        rule = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
         shape = _local_shape(shape, scene, threads)
     elif recipe.method == "sea":
         search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)

@@ -135,7 +135,7 @@ class Scoring:
         mask = plan.mask.read(plan.scene, outer)
         states = np.zeros(tile.shape, np.uint8)
         block = plan.scene.source.read(outer.window, list(plan.bands))
-        scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
+        scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
         core = tile.within(outer)
         return scores, block[core], None if mask is None else mask[core], states
 
