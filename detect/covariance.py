@@ -17,12 +17,10 @@ Computational and Graphical Statistics 21, 618-637, doi:10.1080/10618600.2012.67
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-Float64 = npt.NDArray[np.float64]
+from .arrays import Array, Float64
+
 TOLERANCE = 10 * np.finfo(np.float64).eps
 """Relative rounding error: eigenvalues below this, times the number of bands, times the largest, count as 0."""
 _STEPS = 100
@@ -103,7 +101,7 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
     return float(min(max(fourth - total, 0.0) / n, distance) / distance)
 
 
-def robust(sample: npt.NDArray[Any], keep: float = 0.75) -> tuple[Float64, Float64, int]:
+def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
     """Mean and covariance of the core of a sample: deterministic minimum covariance determinant, reweighted.
 
     Parameters

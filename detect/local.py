@@ -21,13 +21,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
 from deglint.tiles import Tile
 
-from .background import Float64, Mask, Scores, as_image, as_mask
+from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
+from .background import as_image, as_mask
 
 CELL = 256
 """Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
@@ -81,8 +81,8 @@ class WindowRule:
 
 @checked_keywords("border", "ddof", "ridge")
 def local_rx(
-    image: npt.NDArray[Any], *, inner: int, outer: int, mask: Mask | None = None,
-    flags: npt.NDArray[np.uint8] | None = None, threads: int = 1, **options: Any,
+    image: Array, *, inner: int, outer: int, mask: Mask | None = None,
+    flags: Uint8 | None = None, threads: int = 1, **options: Any,
 ) -> Scores:  # fmt: skip
     """Local RX with a dual window.
 
@@ -142,8 +142,8 @@ def local_rx(
 
 
 def score_part(
-    block: npt.NDArray[Any], rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None,
-    *, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+    block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None,
+    *, flags: Uint8 | None = None, threads: int = 1,
 ) -> Scores:  # fmt: skip
     """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
 
@@ -153,7 +153,7 @@ def score_part(
     _check_memory(len(block), rule)
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
-    good = np.isfinite(block).all(axis=0)
+    good = np.asarray(np.isfinite(block).all(axis=0))
     if mask is not None:
         good &= mask
 
@@ -180,9 +180,7 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
         )
 
 
-def _score_cell(
-    block: npt.NDArray[Any], good: Mask, held: Tile, cell: Tile, rule: WindowRule
-) -> tuple[Float64, npt.NDArray[np.uint8]]:
+def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
     """Scores and states of one cell."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
@@ -200,9 +198,7 @@ def _score_cell(
     return scores, states
 
 
-def _by_sums(
-    x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: npt.NDArray[np.uint8]
-) -> None:  # fmt: skip
+def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
     """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
     from ._local_kernel import ASIDE, distances, ring_moments
 
@@ -216,7 +212,7 @@ def _by_sums(
     scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
-def _padded(block: npt.NDArray[Any], good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
+def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
     halo = rule.halo
     window = Tile(cell.row0 - halo, cell.row1 + halo, cell.col0 - halo, cell.col1 + halo)
@@ -235,7 +231,7 @@ def _padded(block: npt.NDArray[Any], good: Mask, held: Tile, cell: Tile, rule: W
     return x
 
 
-def _mirrored(places: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:
+def _mirrored(places: Int64, size: int) -> Int64:
     """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
     places = np.where(places < 0, -1 - places, places)
     return np.where(places >= size, 2 * size - 1 - places, places)
@@ -248,9 +244,7 @@ def _near_edge(cell: Tile, rule: WindowRule) -> Mask:
     return np.asarray(np.logical_or.outer(*near))
 
 
-def _direct(
-    block: npt.NDArray[Any], good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule
-) -> tuple[float, int]:
+def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
     """Score and state of one pixel from the pixels of its ring."""
     corner, outer, inner = [], [], []
     for at, size in zip(place, rule.size, strict=True):
@@ -278,7 +272,7 @@ def _direct(
     return value * (n - rule.ddof), FINE if full else DEFICIENT
 
 
-def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]:
+def _places(at: int, size: int, side: int, border: str) -> Int64:
     """Rows (or columns) of the window around a row, by the border rule; mirrored ones occur twice."""
     first = at - side // 2
     if border == "shift":

@@ -14,12 +14,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
-Mask = npt.NDArray[np.bool_]
-Places = npt.NDArray[np.int64]
+from .arrays import Array, Float64, Int32, Int64, Mask
+
 Ring = tuple[tuple[float, float], ...]
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 _FOOTPRINT = 3
@@ -63,7 +62,7 @@ class Object:
     bounds: tuple[tuple[int, int], tuple[int, int]]
     footprint: Mask = field(repr=False)
     score_top: float = math.nan
-    scores: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    scores: Float64 = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
@@ -91,7 +90,7 @@ def _ring(corners: Sequence[tuple[float, float]]) -> Ring:
 
 
 def find(
-    mask: Mask, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
+    mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
 ) -> list[Object]:  # fmt: skip
     """Objects of a detection mask, the highest score first.
@@ -124,7 +123,7 @@ def find(
 
 
 def find_among(
-    rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
+    rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
     """Objects from the positions of detected pixels, for scenes that do not fit into memory.
@@ -161,7 +160,7 @@ def find_among(
     return _described(rows[kept], columns[kept], part[kept], scores[kept], top, min_size, pixel_area)
 
 
-def _top(part: npt.NDArray[np.int32], scores: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def _top(part: Int32, scores: Array) -> Float64:
     """Root mean square of the highest scores of each part."""
     order = np.lexsort((-scores, part))
     counts = np.bincount(part)
@@ -171,7 +170,7 @@ def _top(part: npt.NDArray[np.int32], scores: npt.NDArray[Any]) -> npt.NDArray[n
     return np.asarray(np.sqrt(np.bincount(part[first], squares, len(counts)) / _FOOTPRINT))
 
 
-def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.int32]:
+def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
     """Number of the part that each pixel belongs to."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -193,7 +192,7 @@ def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.in
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
-def label(mask: Mask) -> npt.NDArray[np.int32]:
+def label(mask: Mask) -> Int32:
     """Number the connected parts of a mask from 1, 0 elsewhere; corners connect."""
     import cv2
 
@@ -203,8 +202,8 @@ def label(mask: Mask) -> npt.NDArray[np.int32]:
 
 
 def _described(
-    rows: Places, columns: Places, at: npt.NDArray[np.int32], scores: npt.NDArray[Any],
-    top: npt.NDArray[np.float64], min_size: int, pixel_area: float | None,
+    rows: Int64, columns: Int64, at: Int32, scores: Array,
+    top: Float64, min_size: int, pixel_area: float | None,
 ) -> list[Object]:  # fmt: skip
     """Objects from their pixels, in row-major order, the part that each belongs to, and `_top` of every part."""
     values = scores.astype(np.float64)

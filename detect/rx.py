@@ -32,12 +32,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 from deglint.errors import FitError, InputError
 
-from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, default_threads, fit
+from .arrays import Array, Float64, Mask, Scores
+from .background import RIDGE, Background, as_image, as_mask, default_threads, fit
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024
@@ -125,7 +125,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     return Detector(background.mean, background.rest, *make(background, whiten, drop, nir))
 
 
-def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
+def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
     """Scores of a block, as those of `rx`: computed in float64; NaN where a band is not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
@@ -152,7 +152,7 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     return scores
 
 
-def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scores) -> None:
+def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None:
     """Fill `out` with the scores of (bands, pixels); `matrix` is `detector.whiten`, with `linear` as its last row."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
@@ -225,7 +225,7 @@ METHODS = {
 
 @checked_keywords()
 def rx(
-    image: npt.NDArray[Any],
+    image: Array,
     background: Background | Mask | None = None,
     *,
     mask: Mask | None = None,
@@ -285,20 +285,20 @@ def rx(
 
 
 @checked_keywords()
-def utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """Uniform target detector (Ashton and Schaum 1998): likeness to a spectrum of ones; parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
-def rx_utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """RX less UTD (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
 @checked_keywords()
 def subspace_rx(
-    image: npt.NDArray[Any], background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
+    image: Array, background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
 ) -> Scores:
     """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007); other parameters as `rx`.
 
@@ -309,7 +309,7 @@ def subspace_rx(
 
 @checked_keywords()
 def residual_rx(
-    image: npt.NDArray[Any],
+    image: Array,
     background: Background | Mask | None = None,
     *,
     nir: Sequence[int],
@@ -327,7 +327,7 @@ def residual_rx(
 
 
 def _run(
-    method: str, image: npt.NDArray[Any], background: Background | Mask | None, mask: Mask | None,
+    method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
     """Fit a background where none is given, and score the image."""

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
@@ -24,6 +23,7 @@ from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray
 
+from .arrays import Array
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
@@ -152,6 +152,6 @@ def _recipe(recipe: Recipe | str) -> Recipe:
     return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 
 
-def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
     """Scores of a tile of another scene than that of the plan."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.raster.output import Scratch
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
+from ..arrays import Array, Uint8
 from ..objects import Object
 from .plan import Plan
 from .recipe import Outputs
@@ -89,7 +89,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
     return [raw] if (raw.height, raw.width) == (scene.height, scene.width) else []
 
 
-def _coloured(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def _coloured(image: Array) -> Uint8:
     """(band, row, column) to (row, column, band) of uint8; every band is stretched between its own percentiles."""
     out = []
     for band in image:

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
@@ -18,6 +17,7 @@ from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
 from .. import sea
+from ..arrays import Array, Int64
 from ..objects import Move, Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
@@ -28,7 +28,7 @@ from .plan import Plan, Progress
 from .recipe import Outputs
 from .vectors import write_features
 
-Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
+Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
 CANDIDATES = 0.04
 """Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""

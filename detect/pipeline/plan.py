@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
@@ -21,12 +20,12 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from .. import sea
+from ..arrays import Mask
 from ..background import Background
 from ..local import CELL, WindowRule
 from ..rx import Detector
 from .recipe import WINDOW, Recipe
 
-Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 SEA_TILE = 1024
 """Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""

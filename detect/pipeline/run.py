@@ -132,9 +132,7 @@ def score_file(
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
-def _check_files(
-    source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str
-) -> list[str]:  # fmt: skip
+def _check_files(source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str) -> list[str]:
     """Check that no output is also an input, or exists without `overwrite`; return the files of the input."""
     from deglint.readers.stac import files_of
 

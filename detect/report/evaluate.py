@@ -9,11 +9,11 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.readers.place import ground_area
 
+from ..arrays import Array
 from ..objects import Object
 from ..roc.bootstrap import Bands, bootstrap, default_grid
 from ..roc.curve import Roc
@@ -48,7 +48,7 @@ class Judged:
     """One detector: its scores, its ROC curve, and the results."""
 
     name: str
-    scores: npt.NDArray[Any]
+    scores: Array
     roc: Roc
     numbers: dict[str, Any]
     bands: Bands | None
@@ -102,7 +102,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
-def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request, area: float | None) -> Judged:
+def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: float | None) -> Judged:
     """Evaluate one detector; `area` is that of a pixel [m2]."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
@@ -161,7 +161,7 @@ def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str,
 
 
 def _called(
-    threshold: float, scores: npt.NDArray[Any], found: ObjectCurve, inputs: Inputs, square_km: float | None
+    threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float | None
 ) -> dict[str, Any]:
     """Objects found and false alarms at a threshold."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)

@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.pipeline.overview import raster_of
@@ -18,6 +16,7 @@ from deglint.readers.areas import open_area, polygons
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
+from ..arrays import Array, Int32, Mask
 from ..objects import label
 from ..roc import number_objects
 
@@ -34,9 +33,9 @@ class Inputs:
     """
 
     names: tuple[str, ...]
-    scores: tuple[npt.NDArray[Any], ...]
-    objects: npt.NDArray[np.int32]
-    valid: npt.NDArray[np.bool_]
+    scores: tuple[Array, ...]
+    objects: Int32
+    valid: Mask
     left_out: dict[str, int]
     grid: Scene
     notes: tuple[str, ...]
@@ -75,7 +74,7 @@ def read_inputs(
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
-def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
+def _first_band(scene: Scene, path: str, notes: list[str]) -> Array:
     """Scores of a scene; a note where it has more bands."""
     if len(scene.bands) > 1:
         notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
@@ -83,7 +82,7 @@ def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
         return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
 
 
-def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
     """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
@@ -101,7 +100,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.N
     return np.where(known, marks, 0), known
 
 
-def _drawn(path: str, grid: Scene, notes: list[str]) -> npt.NDArray[np.int32]:
+def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     """Features of a GeoJSON file drawn with their numbers, from 1; a pixel is in where its centre is."""
     document = read_json(path, "TRUTH")
     given = document.get("features")

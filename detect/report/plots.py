@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 from base64 import b64encode
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from ..arrays import Array, Mask
 from .evaluate import Evaluation, Judged
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def object_curves(found: Evaluation) -> Figure:
     return figure
 
 
-def shrink(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], int]:
+def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
     """Reduce scores for display; returns them, and the side of a cell [pixel].
 
     A cell has the highest of its scores, so that small targets remain visible; NaN where none is valid.

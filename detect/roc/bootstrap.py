@@ -23,7 +23,8 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from .curve import Float64, Mask, Roc, Scores, usable
+from ..arrays import Array, Float64, Mask
+from .curve import Roc, usable
 
 _LEVELS = 1024
 _FEW_OBJECTS = 10
@@ -77,8 +78,8 @@ def default_block(height: int, width: int) -> int:
 
 
 def bootstrap(
-    scores: Scores,
-    objects: npt.NDArray[Any],
+    scores: Array,
+    objects: Array,
     valid: Mask | None = None,
     *,
     draws: int = 1000,
@@ -148,7 +149,7 @@ def _notes(objects: int, blocks: int) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _levels(roc: Roc) -> Scores:
+def _levels(roc: Roc) -> Array:
     """Ascending edges between which scores are counted.
 
     Target scores, each followed by the next number so that what is equal to it is counted apart, and background
@@ -164,7 +165,7 @@ def _levels(roc: Roc) -> Scores:
     return np.unique(np.concatenate([distinct, np.nextafter(distinct, up), chosen, np.nextafter(chosen, up)]))
 
 
-def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, block: int) -> tuple[Any, Any]:
+def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
     """Scores of each object, and of each block's background, between the levels: (pieces, bins)."""
     from scipy.sparse import coo_array, csr_array, vstack
 

@@ -19,13 +19,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
-Scores = npt.NDArray[Any]
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from ..arrays import Array, Float64, Int64, Mask
 
 
 @dataclass(frozen=True)
@@ -65,12 +62,12 @@ class Roc:
     (0.75, 0.5)
     """
 
-    targets: Scores
-    background: Scores
+    targets: Array
+    background: Array
     left_out: int = 0
 
     @classmethod
-    def of(cls, scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Roc:
+    def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Roc:
         """The curve of scores against truth.
 
         Parameters
@@ -98,7 +95,7 @@ class Roc:
         return cls(targets, background, left_out)
 
     @cached_property
-    def _steps(self) -> tuple[Scores, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
         """Distinct target scores ascending, how often each is, and background below and up to it."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
@@ -218,7 +215,7 @@ class Roc:
         return out | {"snpr": d / f if f > 0 else math.inf}
 
 
-def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Mask:
+def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
     """Which pixels count: neither score nor truth is NaN, and `valid` allows them.
 
     Raises
@@ -242,7 +239,7 @@ def _check_pfa(pfa: float) -> None:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
 
 
-def _check(targets: Scores, background: Scores, left_out: int) -> None:
+def _check(targets: Array, background: Array, left_out: int) -> None:
     """Check that scores give a curve."""
     aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
     if not len(targets) + len(background):

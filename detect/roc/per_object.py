@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from ..arrays import Array, Float64, Int32, Int64, Mask
 from ..objects import Object, find, label
-from .curve import Float64, Mask, Roc, Scores, usable
+from .curve import Roc, usable
 
 _MOST_THRESHOLDS = 40
 
@@ -71,8 +70,8 @@ class ObjectCurve:
     objects: tuple[ObjectScore, ...]
     unseen: tuple[int, ...]
     thresholds: Float64
-    found: npt.NDArray[np.int64]
-    false_alarms: npt.NDArray[np.int64]
+    found: Int64
+    false_alarms: Int64
     pfa: Float64
 
     @property
@@ -81,7 +80,7 @@ class ObjectCurve:
         return np.asarray(self.found / len(self.objects))
 
 
-def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.NDArray[np.int32]:
+def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
 
     Parameters
@@ -116,7 +115,7 @@ def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.N
 
 
 def object_curve(
-    scores: Scores, objects: npt.NDArray[Any], roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
+    scores: Array, objects: Array, roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
 ) -> ObjectCurve:
     """Scores of all objects, and number found against false alarms.
 
@@ -159,9 +158,7 @@ def object_curve(
     )
 
 
-def false_alarms(
-    scores: Scores, objects: npt.NDArray[Any], threshold: float, valid: Mask | None = None
-) -> list[Object]:
+def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | None = None) -> list[Object]:
     """Connected parts above a threshold that touch no object, the highest score first."""
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
@@ -175,19 +172,19 @@ def _limits(roc: Roc, pfa_max: float) -> Float64:
     return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 
 
-def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> int:
+def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:
     """Connected parts of a detection mask that touch no object."""
     labels, touched = _parts(mask & valid, objects)
     return int(labels.max(initial=0)) - len(touched)
 
 
-def _parts(mask: Mask, objects: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _parts(mask: Mask, objects: Array) -> tuple[Int32, Int32]:
     """Numbers of connected parts, and those that touch an object."""
     labels = label(mask)
     return labels, np.unique(labels[mask & (objects != 0)])
 
 
-def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
+def _scored(scores: Array, objects: Array, ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
     """Every object that has a valid pixel."""
     rows, columns = np.nonzero(objects)
     numbers = objects[rows, columns]

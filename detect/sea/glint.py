@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from ..arrays import Array, Float32, Float64, Mask
+
 _CLASSES = 32
 """Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
 _USUAL = 0.75
@@ -43,16 +42,14 @@ class GlintScale:
         do not decrease.
     """
 
-    centre: npt.NDArray[np.float64]
-    spread: npt.NDArray[np.float64]
+    centre: Float64
+    spread: Float64
     side: int
-    glint: npt.NDArray[np.float64]
-    factor: npt.NDArray[np.float64]
+    glint: Float64
+    factor: Float64
 
     @classmethod
-    def fit(
-        cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[npt.NDArray[np.bool_]], side: int
-    ) -> GlintScale:
+    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
         """Fit the scale to blocks of a scene.
 
         Parameters
@@ -86,7 +83,7 @@ class GlintScale:
             centre, spread, side, middle, np.minimum(factor, factor[int(_LAST_FACTOR * (len(factor) - 1) + 0.5)])
         )
 
-    def nearby(self, nir: Array) -> npt.NDArray[np.float32]:
+    def nearby(self, nir: Array) -> Float32:
         """Local maximum of the NIR [standard deviation], averaged over the window of the scores; (row, column)."""
         import cv2
 
@@ -97,6 +94,6 @@ class GlintScale:
         highest = cv2.dilate(standard.max(axis=0).astype(np.float32), np.ones((_REACH, _REACH), np.uint8))
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
-    def even(self, scores: Array, nir: Array) -> npt.NDArray[np.float32]:
+    def even(self, scores: Array, nir: Array) -> Float32:
         """Scores divided by the usual score of water with the same NIR; (row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)

@@ -18,16 +18,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError, NoWaterError
 from deglint.morphology import grown
 
+from ..arrays import Array, Float32, Float64
 from ..covariance import whitener
 from .glint import GlintScale
 from .region import ALONGSIDE, RIM, WATER, Classes
 
-Array = npt.NDArray[Any]
 SIDES = ("bright", "both")
 """Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
 SEA_WINDOW = 51
@@ -76,12 +75,12 @@ class SeaModel:
         Usual score by NIR, where the NIR was given.
     """
 
-    centre: npt.NDArray[np.float64]
-    spread: npt.NDArray[np.float64]
-    variance: npt.NDArray[np.float64]
-    whiteners: tuple[npt.NDArray[np.float64], ...]
-    middle: npt.NDArray[np.float64]
-    rare: npt.NDArray[np.float64]
+    centre: Float64
+    spread: Float64
+    variance: Float64
+    whiteners: tuple[Float64, ...]
+    middle: Float64
+    rare: Float64
     q90: float
     scales: tuple[int, ...] = SCALES
     side: str = "bright"
@@ -154,7 +153,7 @@ def fit(
     return replace(model, q90=float(np.quantile(scored, 0.9)))
 
 
-def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> npt.NDArray[np.float32]:
+def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
     """Distance of every pixel of the sea from the water around it.
 
     Parameters
@@ -208,7 +207,7 @@ class _State:
         total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel at the scene's median, for windows without water
 
-    def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
+    def standardised(self, variance: Float64) -> list[Array]:
         """Standardised contrast z at every scale, (band, row, column), given the variance of the whole sea."""
         mean, count = self.local()
         out = []
@@ -234,7 +233,7 @@ def _sums(values: Array, side: int) -> Array:
     return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
-def _distance(z: Array, white: npt.NDArray[np.float64], side: str) -> npt.NDArray[np.float32]:
+def _distance(z: Array, white: Float64, side: str) -> Float32:
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
     if side == "bright":
@@ -242,7 +241,7 @@ def _distance(z: Array, white: npt.NDArray[np.float64], side: str) -> npt.NDArra
     return np.asarray(d, np.float32)
 
 
-def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[Float64, Float64]:
     """Median and robust standard deviation of water in every band."""
     parts = []
     for block, classes in blocks:
@@ -281,9 +280,9 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
     return replace(model, variance=variance, whiteners=tuple(whiteners), middle=np.array(middle), rare=np.array(rare))
 
 
-def _combined(state: _State, model: SeaModel) -> npt.NDArray[np.float32]:
+def _combined(state: _State, model: SeaModel) -> Float32:
     """Maximum of the normalised distances over the scales, in the unit of the first scale."""
-    best: npt.NDArray[np.float32] | None = None
+    best: Float32 | None = None
     for z, white, middle, rare in zip(
         state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True
     ):

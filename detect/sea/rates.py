@@ -11,18 +11,16 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
 from .. import pareto
+from ..arrays import Array, Float64
 from ..objects import Object
 from ..threshold import Tail, Threshold, from_tail
 
-Scores = npt.NDArray[Any]
 LOW = 1.5
 """Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
 _CONFIRMED = (9.0, 3.0)
@@ -70,7 +68,7 @@ class Clutter:
 
     tail: Tail
     low: float
-    peaks: npt.NDArray[np.float64]
+    peaks: Float64
     area: float
     confirmed: int
     confirmed_pixels: int
@@ -180,7 +178,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 
 
-def _without(tail: Tail, taken: Scores) -> Tail:
+def _without(tail: Tail, taken: Array) -> Tail:
     """Remove scores from a tail; each value is removed as often as it is in `taken`."""
     kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
     values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)

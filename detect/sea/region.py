@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.morphology import grown
 
-Mask = npt.NDArray[np.bool_]
-Classes = npt.NDArray[np.uint8]
+from ..arrays import Float64, Mask, Uint8
+
+Classes = Uint8
 NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 """Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
 ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
@@ -128,13 +128,13 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
     return out
 
 
-def _opened(mask: Mask, window: npt.NDArray[np.uint8]) -> Mask:
+def _opened(mask: Mask, window: Uint8) -> Mask:
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, window).view(np.bool_))
 
 
-def _line(length: float, angle: float) -> npt.NDArray[np.uint8]:
+def _line(length: float, angle: float) -> Uint8:
     """Window in the shape of a line: its length [pixel], and angle clockwise from the image's up direction [degree]."""
     import cv2
 
@@ -216,7 +216,7 @@ def _continued(around: Mask, own: Mask) -> bool:
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
     angle = math.radians(rectangle(own)[2])
 
-    def along(mask: Mask, angle: float) -> npt.NDArray[np.float64]:
+    def along(mask: Mask, angle: float) -> Float64:
         rows, columns = np.nonzero(mask)
         return columns * math.sin(angle) - rows * math.cos(angle)
 
