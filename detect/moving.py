@@ -35,28 +35,14 @@ _SLOWEST = 0.25
 
 @dataclass(frozen=True)
 class Mover:
-    """A boat, and how it moves.
+    """A boat, and how it moves."""
 
-    Attributes
-    ----------
-    row, column : float
-        At the time 0 of the delays [pixel].
-    speed : float
-        [m/s].
-    heading : float
-        Where to, clockwise from the upward direction of the image [degree].
-    error : float
-        Root mean square distance of its places from an even motion [pixel].
-    contrast : float
-        Least peak over the bands [robust standard deviation].
-    """
-
-    row: float
+    row: float  # at the time 0 of the delays [pixel]
     column: float
-    speed: float
-    heading: float
-    error: float
-    contrast: float
+    speed: float  # [m/s]
+    heading: float  # where to, clockwise from the upward direction of the image [degree]
+    error: float  # root mean square distance of its places from a uniform motion [pixel]
+    contrast: float  # least peak over the bands [robust standard deviation]
 
 
 def contrast(band: Float32, water: Mask) -> Float32:

@@ -54,40 +54,24 @@ _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 class Method:
     """Entry of the table of detectors.
 
-    Attributes
-    ----------
-    summary : str
-    matrices : callable, optional
-        (background, whitener, drop, nir) to `Detector.whiten` and, where there is one, `Detector.linear`; None for a
-        detector that does not compare with one background.
-    law : bool
-        Whether scores over a normal background follow F or chi-squared.
-    invariant : bool
-        Whether no invertible affine map of the bands, such as a linear glint removal, changes the scores.
+    `matrices` computes `Detector.whiten` and, where there is one, `Detector.linear` from (background, whitener, drop,
+    nir); it is None for a detector that does not compare with one background.
     """
 
     summary: str
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
-    law: bool = False
-    invariant: bool = False
+    law: bool = False  # whether scores over a normal background follow F or chi-squared
+    invariant: bool = False  # whether an invertible affine map of the bands, such as a glint removal, changes no score
 
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean.
+    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean - rest."""
 
-    Attributes
-    ----------
-    mean, rest : (bands,) ndarray
-        The mean is mean + rest.
-    whiten : (rank, bands) ndarray
-    linear : (bands,) ndarray or None
-    """
-
-    mean: Float64
-    rest: Float64
-    whiten: Float64
-    linear: Float64 | None = None
+    mean: Float64  # (bands,)
+    rest: Float64  # (bands,): rounding error of the mean
+    whiten: Float64  # (rank, bands)
+    linear: Float64 | None = None  # (bands,)
 
     @property
     def rank(self) -> int:

@@ -127,31 +127,16 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 @dataclass(frozen=True)
 class Outputs:
-    """Paths of the results.
+    """Files to write, and how."""
 
-    Attributes
-    ----------
-    image : Path
-        The scores; the sidecar is `image` with ".json" appended.
-    p_value, flags, objects, background : Path, optional
-        Raster of p-values, raster of `detect.pipeline.scoring.MEANINGS`, detected objects as GeoJSON, the fitted
-        background.
-    overwrite : bool
-        Replace existing files.
-    options : mapping
-        GDAL creation options.
-    chips : Path, optional
-        Folder for the pictures of the objects.
-    """
-
-    image: Path
-    p_value: Path | None = None
-    flags: Path | None = None
-    objects: Path | None = None
-    background: Path | None = None
-    overwrite: bool = False
-    options: Mapping[str, str] = field(default_factory=dict)
-    chips: Path | None = None
+    image: Path  # the scores; the sidecar is this with ".json" appended
+    p_value: Path | None = None  # raster of p-values
+    flags: Path | None = None  # raster of `detect.pipeline.scoring.MEANINGS`
+    objects: Path | None = None  # detected objects, GeoJSON or GeoPackage
+    background: Path | None = None  # the fitted background
+    overwrite: bool = False  # replace existing files
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
+    chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
         """Check that the recipe produces the requested outputs."""

@@ -37,37 +37,20 @@ _DENSE = 1 << 23
 class Bands:
     """Percentile intervals from resampling.
 
-    Attributes
-    ----------
-    pfa : (points,) ndarray
-        Where the curve was looked at.
-    low, high : (points,) ndarray
-        Interval of Pd there, each point by itself.
-    auc : (float, float)
-        Interval of the area.
-    auc_error : float
-        Standard deviation of the area over the draws.
-    areas : (draws,) ndarray
-        The area of every draw. Detectors scored on the same pixels are drawn alike by one seed, so the differences
-        of their areas are paired.
-    level : float
-    draws, seed, block : int
-    objects, blocks : int
-        Independent pieces that were drawn from.
-    notes : tuple of str
+    Detectors scored on the same pixels are drawn alike by one seed, so the differences of their `areas` are paired.
     """
 
-    pfa: Float64
-    low: Float64
+    pfa: Float64  # (points,): where the curve was looked at
+    low: Float64  # (points,): interval of Pd there, each point by itself
     high: Float64
-    auc: tuple[float, float]
-    auc_error: float
-    areas: Float64
+    auc: tuple[float, float]  # interval of the area
+    auc_error: float  # standard deviation of the area over the draws
+    areas: Float64  # (draws,)
     level: float
     draws: int
     seed: int
-    block: int
-    objects: int
+    block: int  # side [pixel]
+    objects: int  # independent pieces that were drawn from
     blocks: int
     notes: tuple[str, ...]
 

@@ -27,21 +27,12 @@ from ..arrays import Array, Float64, Int64, Mask
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Detection at a threshold: scores greater than it are detected.
+    """Detection at a threshold: scores greater than it are detected."""
 
-    Attributes
-    ----------
-    pfa_designed : float
-        The most that was allowed.
-    threshold : float
-    pfa, pd : float
-        Fractions of background and target pixels that are detected.
-    """
-
-    pfa_designed: float
+    pfa_designed: float  # the most that was allowed
     threshold: float
-    pfa: float
-    pd: float
+    pfa: float  # fraction of background pixels that are detected
+    pd: float  # fraction of target pixels that are detected
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,31 +37,17 @@ class AucInterval:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Difference of two areas on the same pixels.
-
-    Attributes
-    ----------
-    auc : (float, float)
-    difference : float
-        First less second.
-    standard_error, z, p : float
-        Of the difference; p is two-sided. z is NaN, and p 1, where the standard error is 0 and the areas are equal.
-    low, high : float
-        Interval of the difference.
-    level : float
-    pixels : int
-        Valid in both.
-    """
+    """Difference of two areas on the same pixels, the first less the second, with its interval."""
 
     auc: tuple[float, float]
     difference: float
     standard_error: float
-    z: float
-    p: float
+    z: float  # NaN where the standard error is 0 and the areas are equal
+    p: float  # two-sided; 1 there
     low: float
     high: float
     level: float = 0.95
-    pixels: int = 0
+    pixels: int = 0  # valid in both
 
 
 def auc_interval(roc: Roc) -> AucInterval:

@@ -22,57 +22,27 @@ _MOST_THRESHOLDS = 40
 
 @dataclass(frozen=True)
 class ObjectScore:
-    """Score of an object of the truth.
+    """Score of an object of the truth."""
 
-    Attributes
-    ----------
-    number : int
-        In the truth.
-    size : int
-        Valid pixels.
-    left_out : int
-        Its pixels that are not valid.
-    score_max, score_mean : float
-    pfa : float
-        The least pixel Pfa at which it is found: background that scores at least as high.
-    bounds : ((row0, row1), (col0, col1))
-    """
-
-    number: int
-    size: int
-    left_out: int
+    number: int  # in the truth
+    size: int  # valid pixels
+    left_out: int  # pixels that are not valid
     score_max: float
     score_mean: float
-    pfa: float
-    bounds: tuple[tuple[int, int], tuple[int, int]]
+    pfa: float  # least pixel Pfa at which it is found: background that scores at least as high
+    bounds: tuple[tuple[int, int], tuple[int, int]]  # ((row0, row1), (col0, col1))
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectCurve:
-    """Objects found against false alarms, as the threshold falls.
+    """Objects found against false alarms, as the threshold falls."""
 
-    Attributes
-    ----------
-    objects : tuple of ObjectScore
-        The highest score first; those without a valid pixel are not among them.
-    unseen : tuple of int
-        Numbers of the objects without a valid pixel: nobody could have found them, and they are not counted.
-    thresholds : (steps,) ndarray
-        Descending; detected is what is not less.
-    found : (steps,) ndarray of int
-        Objects.
-    false_alarms : (steps,) ndarray of int
-        Connected parts that touch no object.
-    pfa : (steps,) ndarray
-        Pixel Pfa.
-    """
-
-    objects: tuple[ObjectScore, ...]
-    unseen: tuple[int, ...]
-    thresholds: Float64
-    found: Int64
-    false_alarms: Int64
-    pfa: Float64
+    objects: tuple[ObjectScore, ...]  # the highest score first; those without a valid pixel are not among them
+    unseen: tuple[int, ...]  # numbers of the objects without a valid pixel: they cannot be found, and are not counted
+    thresholds: Float64  # (steps,), descending; detected is what is not less
+    found: Int64  # (steps,): objects
+    false_alarms: Int64  # (steps,): connected parts that touch no object
+    pfa: Float64  # (steps,): of pixels
 
     @property
     def pd(self) -> Float64:

@@ -29,24 +29,13 @@ _REACH = 3
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Usual score of water in each class of the NIR.
+    """Usual score of water in each class of the NIR."""
 
-    Attributes
-    ----------
-    centre, spread : (band,) ndarray
-        Median and robust standard deviation of the NIR over water.
-    side : int
-        Side of the largest averaging window of the scores [pixel].
-    glint, factor : (class,) ndarray
-        Standardised NIR of each class (see `nearby`), and its usual score relative to that of the scene. The factors
-        do not decrease.
-    """
-
-    centre: Float64
-    spread: Float64
-    side: int
-    glint: Float64
-    factor: Float64
+    centre: Float64  # (band,): median of the NIR over water
+    spread: Float64  # (band,): robust standard deviation of the NIR over water
+    side: int  # of the largest averaging window of the scores [pixel]
+    glint: Float64  # (class,): standardised NIR, see `nearby`
+    factor: Float64  # (class,): usual score relative to that of the scene; does not decrease
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:

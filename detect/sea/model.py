@@ -53,38 +53,18 @@ _RARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SeaModel:
-    """Statistics of the water of a scene; the same for every block.
+    """Statistics of the water of a scene; the same for every block."""
 
-    Attributes
-    ----------
-    centre, spread : (band,) ndarray
-        Median and robust standard deviation of water [unit of the image].
-    variance : (scale, band) ndarray
-        Variance of water about its local mean [spread squared].
-    whiteners : tuple of (rank, band) ndarray
-        Whitening matrix of the correlation at each scale (`detect.covariance.whitener`).
-    middle, rare : (scale,) ndarray
-        Median and 99.9 % quantile of the distance at each scale.
-    q90 : float
-        90 % quantile of the score over water.
-    scales : tuple of int
-        Sides of the averaging windows [pixel].
-    side : str
-        One of `SIDES`.
-    glint : GlintScale, optional
-        Usual score by NIR, where the NIR was given.
-    """
-
-    centre: Float64
-    spread: Float64
-    variance: Float64
-    whiteners: tuple[Float64, ...]
-    middle: Float64
-    rare: Float64
-    q90: float
-    scales: tuple[int, ...] = SCALES
-    side: str = "bright"
-    glint: GlintScale | None = None
+    centre: Float64  # (band,): median of water [unit of the image]
+    spread: Float64  # (band,): robust standard deviation of water [unit of the image]
+    variance: Float64  # (scale, band): variance of water about its local mean [spread squared]
+    whiteners: tuple[Float64, ...]  # (rank, band) of every scale: whitens the correlation (`covariance.whitener`)
+    middle: Float64  # (scale,): median of the distance
+    rare: Float64  # (scale,): 99.9 % quantile of the distance
+    q90: float  # 90 % quantile of the score over water
+    scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
+    side: str = "bright"  # one of `SIDES`
+    glint: GlintScale | None = None  # usual score by NIR, where the NIR was given
 
     @property
     def halo(self) -> int:

@@ -45,37 +45,19 @@ _MOST_RATE = 1e6
 class Clutter:
     """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
 
-    Attributes
-    ----------
-    tail : Tail
-        Scores of clutter pixels.
-    low : float
-        Score above which candidates are taken.
-    peaks : (objects,) ndarray
-        `score_top` of unconfirmed candidates, ascending.
-    area : float
-        Area of the searched sea [km2]; NaN where the size of a pixel is not known.
-    confirmed, confirmed_pixels : int
-        Number of confirmed objects, and of their pixels.
-    shape, scale : float
-        Parameters of the generalised Pareto distribution of the peaks above `low`, to extrapolate beyond the highest of
-        them; NaN where there are too few peaks, or all are equal.
-    large : (int, float)
-        Number of pixels and peak score from which an object counts as large.
-    large_share : float
-        Fraction of the unconfirmed candidates that have as many pixels.
+    A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
     """
 
-    tail: Tail
-    low: float
-    peaks: Float64
-    area: float
-    confirmed: int
+    tail: Tail  # scores of clutter pixels
+    low: float  # score above which candidates are taken
+    peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
+    area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
+    confirmed: int  # objects
     confirmed_pixels: int
-    shape: float
+    shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
     scale: float
-    large: tuple[int, float] = (1, math.inf)
-    large_share: float = 1.0
+    large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
+    large_share: float = 1.0  # fraction of the unconfirmed candidates that have as many pixels
 
     @property
     def fitted(self) -> bool:
