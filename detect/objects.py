@@ -93,15 +93,19 @@ def find(
     mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
 ) -> list[Object]:  # fmt: skip
-    """Objects of a detection mask, the highest score first.
+    """Objects of a detection mask, the highest score first: pixels that touch, also at a corner, are one object.
 
     Parameters
     ----------
     mask : (row, column) ndarray of bool
         Detected pixels; where the score is NaN it does not count.
     scores : (row, column) ndarray
-    min_size, merge_distance, pixel_area
-        As `find_among`.
+    min_size : int
+        Objects of fewer pixels are dropped, after merging.
+    merge_distance : float
+        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
+    pixel_area : float, optional
+        Area of a pixel [m2].
 
     Raises
     ------
@@ -126,23 +130,10 @@ def find_among(
     rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """Objects from the positions of detected pixels, for scenes that do not fit into memory.
+    """As `find` from the places and scores of detected pixels, (pixels,), for scenes that do not fit into memory.
 
-    Pixels that touch, also at a corner, belong to one object. Positions are in row-major order.
-
-    Parameters
-    ----------
-    rows, columns : (pixels,) int64 ndarray
-        Places of the detected pixels.
-    scores : (pixels,) ndarray
-    min_size : int
-        Objects of fewer pixels are dropped, after merging.
-    merge_distance : float
-        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
-    pixel_area : float, optional
-        Area of a pixel [m2].
-    above : float
-        Only pixels with a greater score belong to objects; the others only connect the parts of an object.
+    Places are in row-major order. Only pixels with a score greater than `above` belong to objects; the others only
+    connect the parts of an object.
 
     Examples
     --------

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deglint.raster.output import Scratch
+from deglint.raster.output import Scratch, write_bytes
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
@@ -54,10 +54,8 @@ def write_chips(
         large = [p.repeat(times, axis=0).repeat(times, axis=1) for p in panels]
         picture = np.concatenate([x for p in large for x in (p, gap)][:-1], axis=1)
         name = f"object_{o.label:04d}.png"
-        done, data = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
-        assert done
-        place = scratch.add(targets.chips / name)
-        place.write_bytes(data.tobytes())
+        _done, png = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
+        write_bytes(scratch, targets.chips / name, bytes(png))
         names.append(f"{targets.chips.name}/{name}")
     return names
 

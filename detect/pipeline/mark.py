@@ -40,10 +40,9 @@ _ROUND = 1.3
 
 def joined(parts: Sequence[Places]) -> Places:
     """Pixels of all tiles, in row-major order."""
-    if not parts:
-        nothing = np.zeros(0, np.int64)
-        return nothing, nothing, np.zeros(0, np.float32)
-    rows, columns, scores = (np.concatenate(part) for part in zip(*parts, strict=True))
+    nothing = np.zeros(0, np.int64)
+    start = (nothing, nothing, np.zeros(0, np.float32))
+    rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
 

@@ -165,9 +165,7 @@ class Scoring:
                 sea.ALONGSIDE: BESIDE_LAND,
             }  # fmt: skip
             flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in bits.items()])
-        tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-        tally.not_valid = int(np.count_nonzero(~valid))
-        tally.masked_out = tally.total - tally.scored - tally.not_valid
+        tally = _count(scores, np.isfinite(scores) | ~valid, None)
         beside = {}
         for which in (sea.ALONGSIDE, sea.ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from deglint.errors import InputError
+from deglint.readers.grid import at
 from deglint.readers.place import ground_area
 
 from ..arrays import Array
 from ..objects import Object
 from ..roc.bootstrap import Bands, bootstrap, default_grid
-from ..roc.curve import Roc
+from ..roc.curve import OperatingPoint, Roc
 from ..roc.delong import auc_interval, compare
 from ..roc.per_object import ObjectCurve, count_false_alarms, false_alarms, object_curve
 from .inputs import Inputs, read_inputs
@@ -54,7 +55,7 @@ class Judged:
     bands: Bands | None
     objects: ObjectCurve | None
     worst: tuple[Object, ...]
-    worst_threshold: float
+    shown: OperatingPoint  # where the worst false alarms are
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +117,8 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
     square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
-    threshold = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0)).threshold
-    worst = false_alarms(scores, inputs.objects, threshold, inputs.valid)[:_WORST]
+    shown = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
+    worst = false_alarms(scores, inputs.objects, shown.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
         "operating_points": [_point(roc, r, bands, sign) for r in rates],
         "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
@@ -126,7 +127,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
         numbers["objects"] = _objects(found, sign, square_km)
-    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), threshold)
+    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), shown)
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
@@ -190,10 +191,8 @@ def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
     """Position and score of a false alarm."""
     row, column = found.centroid
     out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
-    t = inputs.grid.transform
-    if t is not None:
-        x, y = column + 0.5, row + 0.5
-        out |= {"x": t.a * x + t.b * y + t.c, "y": t.d * x + t.e * y + t.f}
+    if inputs.grid.transform is not None:
+        out["x"], out["y"] = at(inputs.grid.transform, column + 0.5, row + 0.5)
     return out
 
 

@@ -78,6 +78,11 @@ def _first_band(scene: Scene, path: str, notes: list[str]) -> Array:
     """Scores of a scene; a note where it has more bands."""
     if len(scene.bands) > 1:
         notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+    return _read(scene)
+
+
+def _read(scene: Scene) -> Array:
+    """The first band of a scene."""
     with raster_of(scene) as source:
         return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
 
@@ -94,8 +99,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
     if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
         scene = open_scene(path, nodata="none")
-    with raster_of(scene) as source:
-        marks = source.read(((0, scene.height), (0, scene.width)), [0])[0]
+    marks = _read(scene)
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
 

@@ -39,17 +39,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
-        """Fit the scale to blocks of a scene.
-
-        Parameters
-        ----------
-        nir : sequence of (band, row, column) ndarray
-        scores : sequence of (row, column) ndarray
-        water : sequence of (row, column) ndarray of bool
-            Pixels to fit to.
-        side : int
-            Side of the largest averaging window of the scores [pixel].
-        """
+        """Fit the scale to the NIR, (band, row, column), and the scores of the water of blocks of a scene."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         values = np.nan_to_num(values)
         centre = np.median(values, axis=1)

@@ -83,29 +83,11 @@ def fit(
     blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
     nir: Sequence[Array] = (),
 ) -> SeaModel:  # fmt: skip
-    """Fit the statistics of the water of a scene.
+    """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
-    Parameters
-    ----------
-    blocks : sequence of ((band, row, column) ndarray, (row, column) ndarray of uint8)
-        Parts of the scene, or all of it, and their classes from `region`.
-    pixel : float, optional
-        Side of a pixel [m]. It determines the scales, and `side` where that is not given.
-    side : str, optional
-        One of `SIDES`.
-    nir : sequence of (band, row, column) ndarray
-        Uncorrected NIR of every block. It is not used where a boat fills a pixel: there, the boat determines the NIR.
-
-    Returns
-    -------
-    SeaModel
-
-    Raises
-    ------
-    InputError
-        `side` is not one of `SIDES`.
-    NoWaterError
-        The blocks hold fewer than 100 pixels of water.
+    The side of a `pixel` [m] determines the scales, and `side` (one of `SIDES`) where that is not given. `nir` is the
+    uncorrected NIR of every block, (band, row, column). It is not used where a boat fills a pixel: there, the boat
+    determines the NIR. Fewer than 100 pixels of water are a NoWaterError.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
@@ -134,23 +116,10 @@ def fit(
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
-    """Distance of every pixel of the sea from the water around it.
+    """Distance of every pixel of the sea from the water around it [standard deviation]; NaN on land and on the rim.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-        The wanted part, with a margin of `model.halo` pixels.
-    classes : (row, column) ndarray of uint8
-        From `region`.
-    model : SeaModel
-        From `fit`.
-    nir : (band, row, column) ndarray, optional
-        The NIR, where `fit` was given it.
-
-    Returns
-    -------
-    (row, column) ndarray of float32
-        Distance [standard deviation]; NaN on land and on the rim.
+    The block and its NIR, (band, row, column), and its classes hold the wanted part and a margin of `model.halo`
+    pixels. The NIR is needed where `fit` was given it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):

@@ -87,13 +87,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that is exceeded by the given number of false objects per km2.
-
-        Raises
-        ------
-        InputError
-            The area of the sea is not known, or the number is not positive.
-        """
+        """`score_top` that is exceeded by the given number of false objects per km2."""
         if not false_per_km2 > 0:
             raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
         if not self.area > 0:
@@ -122,22 +116,8 @@ class Clutter:
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
-    Parameters
-    ----------
-    tail : Tail
-        Highest scores of the searched sea.
-    candidates : sequence of Object
-        Connected pixels above `LOW` times `q90`.
-    q90 : float
-        90 % quantile of the score over water.
-    area : float
-        Area of the searched sea [km2].
-    fine : bool
-        Whether pixels are smaller than a boat.
-
-    Returns
-    -------
-    Clutter
+    `tail` holds the highest scores of the searched sea, whose area is in km2. The candidates are connected pixels above
+    `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0

@@ -50,23 +50,10 @@ _HULL_BLUR = 1.5
 
 @dataclass(frozen=True)
 class SeaRule:
-    """Size of a pixel and of the largest floating object.
+    """Size of a pixel and of the largest floating object; with a length of 0 the water mask is used as it is."""
 
-    Attributes
-    ----------
-    pixel : float
-        Side of a pixel [m].
-    length, width : float
-        Length and width of the largest floating object [m]; with 0 the water mask is used as it is.
-
-    Raises
-    ------
-    InputError
-        The pixel is not above 0 m, or the length is less than the width.
-    """
-
-    pixel: float
-    length: float = LARGEST[0]
+    pixel: float  # side [m]
+    length: float = LARGEST[0]  # of the largest floating object [m]
     width: float = LARGEST[1]
 
     def __post_init__(self) -> None:
@@ -91,20 +78,10 @@ class SeaRule:
 
 
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
-    """Classify pixels as sea, floating object or land.
+    """Classify pixels as NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED; all arrays are (row, column).
 
-    Parameters
-    ----------
-    water : (row, column) ndarray of bool
-        Water mask with holes at floating objects, as `deglint.masks.water` returns it.
-    rule : SeaRule
-    valid : (row, column) ndarray of bool, optional
-        Valid pixels; the others are neither water nor land.
-
-    Returns
-    -------
-    (row, column) ndarray of uint8
-        NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED.
+    The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
+    neither water nor land.
 
     Examples
     --------
