@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from deglint import tiles
+from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 
@@ -268,8 +269,7 @@ def sample_share(covariance: str, pixels: int) -> int:
 
 def check_rule(covariance: str, ridge: float) -> None:
     """Check the name of the estimator and the value of the ridge."""
-    if covariance not in COVARIANCES:
-        raise InputError(f"covariance {covariance!r} is not one of {', '.join(COVARIANCES)}.")
+    check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 

@@ -22,12 +22,13 @@ from typing import Any
 
 import numpy as np
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import InputError
 from deglint.tiles import Tile
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
-from .background import as_image, as_mask
+from .background import as_image, as_mask, check_rule
+from .covariance import TOLERANCE
 
 CELL = 256
 """Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
@@ -45,7 +46,6 @@ STATES = {
 """Bits of `flags`; 0 for none."""
 _DIRECT = 254
 """State of pixels that are computed one by one: many bands, imprecise sums, or a window that is moved inside."""
-_RANK = 10 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,13 @@ class WindowRule:
         inner, outer, size = self.inner, self.outer, self.size
         if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
             raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
-        if self.border not in BORDERS:
-            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
+        check_choice(self.border, list(BORDERS), "border")
+        check_rule("ridge", self.ridge)
         if self.border != "shrink" and outer > min(size):
             raise InputError(
                 f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {self.border}. "
                 "Take a smaller window, or border shrink."
             )
-        if not (np.isfinite(self.ridge) and self.ridge >= 0):
-            raise InputError(f"ridge: want a share of the variance, 0 or more, got {self.ridge}.")
 
     @property
     def halo(self) -> int:
@@ -290,10 +288,10 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
     length = np.sqrt((ring**2).sum(axis=0))
     if length.all():  # test the rank independently of the units of the bands
         _, values, vectors = np.linalg.svd(ring / length, full_matrices=False)
-        if (values**2 > _RANK * bands).all():
+        if (values**2 > TOLERANCE * bands).all():
             return float(((vectors @ (away / length) / values) ** 2).sum()), True
     _, values, vectors = np.linalg.svd(ring, full_matrices=False)
-    kept = values**2 > _RANK * bands * (values**2).sum()
+    kept = values**2 > TOLERANCE * bands * (values**2).sum()
     return float(((vectors[kept] @ away / values[kept]) ** 2).sum()), False
 
 
@@ -313,7 +311,7 @@ def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> t
         matrix[np.diag_indices(bands)] *= 1 + ridge
         filled = matrix
     lower, failed = dpotrf(filled, lower=1)
-    if not failed and (np.diag(lower) ** 2 > _RANK * len(lower) * np.diag(filled)).all():
+    if not failed and (np.diag(lower) ** 2 > TOLERANCE * len(lower) * np.diag(filled)).all():
         z = dtrtrs(lower, right, lower=1)[0]
         if few:
             z = dtrtrs(lower, z, lower=1, trans=1)[0]
@@ -321,7 +319,7 @@ def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> t
     if not np.trace(matrix) > 0:
         return 0.0, False
     # a pivoted factor L of as many columns as the rank: the pseudo-inverse is L (L^T L)^-2 L^T
-    lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=_RANK * len(matrix) * np.trace(matrix))
+    lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=TOLERANCE * len(matrix) * np.trace(matrix))
     lower, right = np.tril(lower)[:, :rank], right[pivots - 1]
     gram = dpotrf(lower.T @ lower, lower=1)[0]
     if few:

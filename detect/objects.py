@@ -77,16 +77,13 @@ class Object:
 
         (top, bottom), (left, right) = self.bounds
         if self.footprint.all():  # most objects are a few pixels, and a call of GDAL takes 0.3 ms
-            return ((_ring([(left, top), (left, bottom), (right, bottom), (right, top), (left, top)]),),)
+            rows, columns = (top, bottom, bottom, top, top), (left, left, right, right, left)
+            return ((tuple(zip(map(float, columns), map(float, rows), strict=True)),),)
         place = Affine.translation(left, top)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             found = shapes(self.footprint.astype(np.uint8), mask=self.footprint, connectivity=4, transform=place)
-            return tuple(tuple(_ring(ring) for ring in polygon["coordinates"]) for polygon, _ in found)
-
-
-def _ring(corners: Sequence[tuple[float, float]]) -> Ring:
-    return tuple((float(x), float(y)) for x, y in corners)
+            return tuple(tuple(map(tuple, polygon["coordinates"])) for polygon, _ in found)
 
 
 def find(

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64, Mask, Scores
@@ -80,33 +80,17 @@ class Detector:
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
-    """Make a detector from a background.
+    """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
 
-    Parameters
-    ----------
-    method : str
-        A key of `METHODS` that has `matrices`.
-    background : Background
-    drop : int
-        For "subspace": leading eigenvectors to leave out.
-    nir : sequence of int
-        For "residual": 0-based bands that the others are regressed on.
-
-    Raises
-    ------
-    InputError
-        A method that is not known, or `drop` or `nir` that leave nothing.
-    FitError
-        No band of the background varies.
+    "subspace" leaves `drop` leading eigenvectors out; "residual" regresses the other bands on `nir` (0-based). They are
+    an InputError where they leave nothing. A background of which no band varies is a FitError.
     """
-    make = METHODS[method].matrices if method in METHODS else None
-    if make is None:
-        known = ", ".join(name for name, kind in METHODS.items() if kind.matrices)
-        raise InputError(f"method {method!r} is not one of {known}.")
+    known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
+    check_choice(method, list(known), "method")
     whiten = whitener(background.covariance)
     if not len(whiten):
         raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
-    return Detector(background.mean, background.rest, *make(background, whiten, drop, nir))
+    return Detector(background.mean, background.rest, *known[method](background, whiten, drop, nir))
 
 
 def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:

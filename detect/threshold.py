@@ -197,10 +197,7 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
 def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
 
-    Returns
-    -------
-    ndarray
-        float64 of the scores' shape; NaN where a score is NaN.
+    Of the scores' shape; NaN where a score is NaN.
     """
     from scipy.special import betainc, betaincc, chdtrc
 
@@ -300,12 +297,7 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     maximum likelihood (Grimshaw 1993), the threshold is u + scale/shape ((n pfa / k)^(-shape) - 1) and its standard
     error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the moments' answer
     (probability-weighted, Hosking and Wallis 1987, shape only) and the Kolmogorov distance of fit and scores.
-
-    Parameters
-    ----------
-    scores : ndarray or Tail
-        Of the scene, or of a sample of it; NaN is left out.
-    pfa : float
+    Parameters as `from_quantile`.
 
     Raises
     ------

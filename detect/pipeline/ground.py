@@ -47,13 +47,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands whose time is known, and their times [s].
-
-    Raises
-    ------
-    InputError
-        Fewer than three bands have known, different times.
-    """
+    """0-based bands whose time is known, and their times [s]; an InputError where fewer than three times differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if len({t for _, t in known}) < 3:
         raise InputError(

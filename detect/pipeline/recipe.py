@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
@@ -85,8 +85,7 @@ class Recipe:
         for name, known in (
             ("method", ("auto", *METHODS)), ("threshold", THRESHOLDS), ("side", ("auto", *SIDES)), ("border", BORDERS),
         ):  # fmt: skip
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} {getattr(self, name)!r} is not one of {', '.join(known)}.")
+            check_choice(getattr(self, name), list(known), name)
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")

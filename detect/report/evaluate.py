@@ -19,11 +19,9 @@ from ..objects import Object
 from ..roc.bootstrap import Bands, bootstrap, default_grid
 from ..roc.curve import OperatingPoint, Roc
 from ..roc.delong import auc_interval, compare
-from ..roc.per_object import ObjectCurve, count_false_alarms, false_alarms, object_curve
+from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, object_curve
 from .inputs import Inputs, read_inputs
 
-RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-"""False-alarm rates of the operating points; rates below one pixel of background are left out."""
 _WORST = 8
 _CURVE_POINTS = 400
 

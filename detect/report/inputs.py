@@ -51,20 +51,15 @@ def read_inputs(
         _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
     marks, known = _truth(truth, scenes[0], scores[0], notes)
     arrays = [_first_band(scene, path, notes) for scene, path in zip(scenes, scores, strict=True)]
-    left_out = {}
-    valid = known
-    if not known.all():
-        left_out["not valid in the truth"] = int(np.count_nonzero(~known))
     names = _names(scores)
-    for array, name in zip(arrays, names, strict=True):
-        ok = ~np.isnan(array)
-        if not ok.all():
-            left_out[f"not valid, or not finite, in {name}"] = int(np.count_nonzero(~ok))
-            valid = valid & ok
+    reasons = {"not valid in the truth": known}
+    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
+    reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
     if mask is not None:
-        inside = open_area(mask, scenes[0], "--mask").read(((0, scenes[0].height), (0, scenes[0].width)))
-        left_out["outside the mask"] = int(np.count_nonzero(~inside))
-        valid = valid & inside
+        whole = (0, scenes[0].height), (0, scenes[0].width)
+        reasons["outside the mask"] = open_area(mask, scenes[0], "--mask").read(whole)
+    left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
+    valid = np.logical_and.reduce([known, *reasons.values()])
     turned = tuple(-array for array in arrays) if lower else tuple(arrays)
     objects = number_objects(marks, connected=connected)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))

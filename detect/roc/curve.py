@@ -207,13 +207,7 @@ class Roc:
 
 
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
-    """Which pixels count: neither score nor truth is NaN, and `valid` allows them.
-
-    Raises
-    ------
-    InputError
-        Shapes differ.
-    """
+    """Which pixels count: neither score nor truth is NaN, and `valid` allows them. All are of one shape."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")

@@ -17,6 +17,8 @@ from ..arrays import Array, Float64, Int32, Int64, Mask
 from ..objects import Object, find, label
 from .curve import Roc, usable
 
+RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""False-alarm rates of the operating points; rates below one pixel of background are left out."""
 _MOST_THRESHOLDS = 40
 
 
@@ -137,7 +139,7 @@ def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | 
 
 def _limits(roc: Roc, pfa_max: float) -> Float64:
     """Thresholds at round values of Pfa, so that the curve goes on where no object is found."""
-    rates = [r for r in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1) if 1 / len(roc.background) <= r <= pfa_max]
+    rates = [r for r in RATES if 1 / len(roc.background) <= r <= pfa_max]
     limits = np.array([roc.point(r).threshold for r in rates], roc.background.dtype)
     return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from deglint.errors import InputError, NoWaterError
+from deglint.checks import check_choice
+from deglint.errors import NoWaterError
 from deglint.morphology import grown
 
 from ..arrays import Array, Float32, Float64
@@ -92,8 +93,7 @@ def fit(
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
     scales = _FINE_SCALES if fine else SCALES
-    if side not in SIDES:
-        raise InputError(f"side {side!r} is not one of {', '.join(SIDES)}.")
+    check_choice(side, list(SIDES), "side")
     centre, spread = _robust(blocks)
     bands = len(centre)
     model = SeaModel(
