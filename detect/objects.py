@@ -145,7 +145,23 @@ def find_among(
         return []
     part, kept = _joined(rows, columns, merge_distance), scores > above
     top = _top(part, scores)
-    return _described(rows[kept], columns[kept], part[kept], scores[kept], top, min_size, pixel_area)
+    rows, columns, part, values = rows[kept], columns[kept], part[kept], scores[kept].astype(np.float64)
+    parts = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]) if len(part) else []
+    large = [own for own in parts if len(own) >= min_size]
+    out = []
+    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
+        down, across = rows[own], columns[own]
+        row, left = int(down.min()), int(across.min())
+        footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
+        footprint[down - row, across - left] = True
+        out.append(Object(
+            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
+            area=None if pixel_area is None else len(own) * pixel_area,
+            centroid=(float(down.mean()), float(across.mean())),
+            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
+            score_top=float(top[part[own[0]]]), scores=values[own],
+        ))  # fmt: skip
+    return out
 
 
 def _top(part: Int32, scores: Array) -> Float64:
@@ -187,30 +203,6 @@ def label(mask: Mask) -> Int32:
     if mask.size == 0:  # OpenCV crashes
         return np.zeros(mask.shape, np.int32)
     return np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)[1])
-
-
-def _described(
-    rows: Int64, columns: Int64, at: Int32, scores: Array,
-    top: Float64, min_size: int, pixel_area: float | None,
-) -> list[Object]:  # fmt: skip
-    """Objects from their pixels, in row-major order, the part that each belongs to, and `_top` of every part."""
-    values = scores.astype(np.float64)
-    parts = np.split(np.argsort(at, kind="stable"), np.cumsum(np.bincount(at))[:-1]) if len(at) else []
-    large = [own for own in parts if len(own) >= min_size]
-    out = []
-    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
-        down, across = rows[own], columns[own]
-        row, left = int(down.min()), int(across.min())
-        footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
-        footprint[down - row, across - left] = True
-        out.append(Object(
-            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
-            area=None if pixel_area is None else len(own) * pixel_area,
-            centroid=(float(down.mean()), float(across.mean())),
-            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=float(top[at[own[0]]]), scores=values[own],
-        ))  # fmt: skip
-    return out
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:

@@ -143,7 +143,8 @@ class Marker:
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
-        for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
+        beside.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
+        for rank, o in enumerate(beside, start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
                 rated.append(Rated(o, "alongside", rate, math.nan))
@@ -171,12 +172,6 @@ class Marker:
         if progress:
             progress("objects", 1, 1)
         return len(rated)
-
-
-def _likeness(found: Object) -> float:
-    """Likeness to a ship of an object attached to land; see `detect.sea.region.likeness`."""
-    length, width, _ = rectangle(found.footprint)
-    return likeness(found.size, found.size / (length * width))
 
 
 def _described(rated: Rated, move: Move | None) -> dict[str, Any]:

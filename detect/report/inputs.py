@@ -50,7 +50,10 @@ def read_inputs(
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
         _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
     marks, known = _truth(truth, scenes[0], scores[0], notes)
-    arrays = [_first_band(scene, path, notes) for scene, path in zip(scenes, scores, strict=True)]
+    for path, scene in zip(scores, scenes, strict=True):
+        if len(scene.bands) > 1:
+            notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+    arrays = [_first_band(scene) for scene in scenes]
     names = _names(scores)
     reasons = {"not valid in the truth": known}
     reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
@@ -69,15 +72,8 @@ def read_inputs(
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
-def _first_band(scene: Scene, path: str, notes: list[str]) -> Array:
-    """Scores of a scene; a note where it has more bands."""
-    if len(scene.bands) > 1:
-        notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    return _read(scene)
-
-
-def _read(scene: Scene) -> Array:
-    """The first band of a scene."""
+def _first_band(scene: Scene) -> Array:
+    """The first band of a scene, (row, column)."""
     with raster_of(scene) as source:
         return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
 
@@ -94,7 +90,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
     if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
         scene = open_scene(path, nodata="none")
-    marks = _read(scene)
+    marks = _first_band(scene)
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
 

@@ -131,13 +131,13 @@ def hull(length: float, width: float, size: float) -> bool:
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
-def likeness(size: float, fill: float) -> float:
-    """Likeness to a ship of a part attached to land, from its size [pixel] and the filled fraction of its rectangle.
+def likeness(length: float, width: float, size: float) -> float:
+    """Likeness to a ship of a part attached to land, from its size and the sides of its smallest rectangle [pixel].
 
     A hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not. The cube gives the
     filled fraction more weight than the size.
     """
-    return size * fill**3
+    return size * (size / (length * width)) ** 3
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
@@ -229,7 +229,7 @@ def _alongside(land: Mask, rule: SeaRule) -> Mask:
             own = labels[box] == part
             around = wider[y : y + h + 2 * _ATTACHED_WITHIN, x : x + w + 2 * _ATTACHED_WITHIN]
             if (own & beside[box]).any() and not _continued(around, own):
-                found.append((likeness(size, size / (long * across)), box, own))
+                found.append((likeness(long, across, size), box, own))
     chosen, taken = np.zeros_like(land), np.zeros_like(land)
     for _likeness, (rows, columns), own in sorted(found, key=lambda f: -f[0]):
         if not (taken[rows, columns] & own).any():
