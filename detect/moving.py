@@ -49,13 +49,13 @@ def contrast(band: Float32, water: Mask) -> Float32:
     """Deviation of every pixel from the water around [robust standard deviation]."""
     import cv2
 
-    def mean(values: Float32) -> Float32:
-        return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (_WATER_WINDOW, _WATER_WINDOW), normalize=False,
-                                        borderType=cv2.BORDER_CONSTANT))  # fmt: skip
-
     known = water & np.isfinite(band)
-    count = np.maximum(mean(known.astype(np.float32)), 1)
-    away = np.where(np.isfinite(band), band - mean(np.where(known, band, 0).astype(np.float32)) / count, 0)
+    window = (_WATER_WINDOW, _WATER_WINDOW)
+    total, count = (
+        cv2.boxFilter(values.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for values in (np.where(known, band, 0), known)
+    )
+    away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
     spread = 1.4826 * float(np.median(np.abs(away[known]))) if known.any() else 1.0
     return np.asarray(away / (spread or 1.0), np.float32)
 

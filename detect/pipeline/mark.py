@@ -21,7 +21,7 @@ from ..arrays import Array, Int64
 from ..objects import Move, Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
-from ..threshold import Tail, Threshold, from_quantile
+from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .chips import write_chips
 from .ground import distance_and_bearing, motions, to_wgs84
 from .plan import Plan, Progress
@@ -58,7 +58,7 @@ class Rated:
 
 
 class Marker:
-    """Find the threshold of a scored sea, and mark objects in the scores of any detector.
+    """Find the threshold of scores, and mark objects.
 
     `scores` is the written score raster, open for reading; `tail` holds the highest scores; `beside` the pixels of the
     sea that are attached to land, by their class: ALONGSIDE or ATTACHED of `detect.sea.region`.
@@ -76,15 +76,21 @@ class Marker:
         self._strata = 2 if len(self._beside[0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold of the sea, from the clutter: the scores without the confirmed objects."""
-        recipe, clutter = self._plan.recipe, self._clutter
+        """Threshold for the requested rate; on the sea from the clutter, the scores without the confirmed objects."""
+        recipe, law, tail = self._plan.recipe, self._plan.law, self._tail
+        pfa = float(recipe.pfa or 0)
+        if recipe.threshold in ("chi2", "f") and law:
+            found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
+            return found.measured(tail.above(found.value), tail.n)
+        if self._plan.sea is None:
+            return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
+        clutter = self._clutter
         if recipe.false_per_km2 is not None:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
             notes = () if clutter.fitted else ("too few candidates to fit a law to their peaks: their ranks are used",)
             return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
-        pfa = float(recipe.pfa or 0)
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property

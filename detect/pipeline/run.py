@@ -28,7 +28,6 @@ from deglint.tiles import default_threads
 from deglint.timing import Reporter
 
 from .. import sea
-from .. import threshold as cutting
 from ..background import Background
 from ..lines import LineScorer
 from ..threshold import Tail, Threshold
@@ -179,7 +178,7 @@ def _run(
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
                 marker = Marker(plan, targets, scores, tail, beside)
-                threshold = marker.threshold() if plan.sea else _threshold(plan, tail)
+                threshold = marker.threshold()
                 found = marker.write(threshold, scratch, progress)
             log.info("%s", threshold)
         if targets.background and plan.background:
@@ -198,16 +197,6 @@ def _run(
     marked = "" if found is None else f", {found} objects"
     log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, tally.scored, tally.total, marked, seconds)
     return Result(tally, plan.background, threshold, found, said)
-
-
-def _threshold(plan: Plan, tail: Tail) -> Threshold:
-    """Threshold for the requested false-alarm rate, with the observed rate."""
-    recipe, law = plan.recipe, plan.law
-    pfa = float(recipe.pfa or 0)
-    if recipe.threshold in ("chi2", "f") and law:
-        found = cutting.from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else cutting.from_f(pfa, *law)
-        return found.measured(tail.above(found.value), tail.n)
-    return (cutting.from_quantile if recipe.threshold == "empirical" else cutting.from_tail)(tail, pfa)
 
 
 def _write_tiles(
