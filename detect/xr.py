@@ -116,8 +116,7 @@ def score(
         raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
     plan = fitted(replace(plan, given=background or plan.given))
     work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
-    reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
-    reach += plan.mask.water.halo if plan.mask.water else 0
+    reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
     step = CELL if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], plan.recipe.method)

@@ -103,6 +103,11 @@ class Plan:
         return len(self.bands), outer * outer - inner * inner
 
     @property
+    def halo(self) -> int:
+        """Margin around a tile that its scores depend on [pixel]."""
+        return self.rule.halo if self.rule else self.sea.halo if self.sea else 0
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the bands in use."""
         return tuple(self.scene.names[b] for b in self.bands)
@@ -225,8 +230,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    roles: Roles = look.roles
-    return Masking(None, look.water, role_bands(roles))
+    return Masking(None, look.water, role_bands(look.roles))
 
 
 def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:

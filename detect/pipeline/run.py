@@ -6,7 +6,7 @@ import logging
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -66,7 +66,7 @@ class Result:
     background: Background | None
     threshold: Threshold | None
     objects: int | None
-    sidecar: dict[str, Any] = field(repr=False)
+    sidecar: dict[str, Any]
 
     def __repr__(self) -> str:
         cut = "" if self.threshold is None else f", {self.threshold}"

@@ -104,14 +104,18 @@ class Scoring:
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
-        plan, states = self.plan, None
+        plan = self.plan
         if plan.sea is not None:
             return self._of_sea(tile, plan.sea)
+        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
+        block = plan.scene.source.read(outer.window, list(plan.bands))
+        mask = plan.mask.read(plan.scene, outer)
+        states = None
         if plan.rule is not None:
-            scores, block, mask, states = self._of_rings(tile)
+            states = np.zeros(tile.shape, np.uint8)
+            scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
+            block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
         else:
-            mask = plan.mask.read(plan.scene, tile)
-            block = plan.scene.source.read(tile.window, list(plan.bands))
             scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
         tail = self.highest.of(found) if self.highest else None
@@ -126,18 +130,6 @@ class Scoring:
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_rings(self, tile: Tile) -> tuple[Array, Array, Any, Uint8]:
-        """Scores of local RX, and the pixels, mask and states (`detect.local.STATES`) of the tile."""
-        plan = self.plan
-        assert plan.rule is not None
-        outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
-        mask = plan.mask.read(plan.scene, outer)
-        states = np.zeros(tile.shape, np.uint8)
-        block = plan.scene.source.read(outer.window, list(plan.bands))
-        scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
-        core = tile.within(outer)
-        return scores, block[core], None if mask is None else mask[core], states
-
     def _of_lines(self, block: Array, mask: Mask | None) -> Float32:
         """Scores line by line, on one thread: the statistics depend on the order of the lines."""
         assert self.lines is not None
@@ -149,15 +141,14 @@ class Scoring:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
         assert search.model is not None
-        outer = tile.grown(search.halo, plan.scene.height, plan.scene.width)
+        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         block, classes = read_sea(plan, search, outer)
         core = tile.within(outer)
         nir = read_nir(plan, search, outer) if search.model.glint is not None else None
         scores = sea.score(block, classes, search.model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
-        tail = None
-        if self.highest is not None:
-            tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
+        afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
+        tail = self.highest.of(afloat) if self.highest else None
         flags = None
         if self.want_flags:
             bits = {

@@ -53,7 +53,7 @@ class Judged:
     bands: Bands | None
     objects: ObjectCurve | None
     worst: tuple[Object, ...]
-    shown: OperatingPoint  # where the worst false alarms are
+    worst_at: OperatingPoint  # threshold that the worst false alarms exceed
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +115,8 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
     square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
-    shown = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
-    worst = false_alarms(scores, inputs.objects, shown.threshold, inputs.valid)[:_WORST]
+    worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
+    worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
         "operating_points": [_point(roc, r, bands, sign) for r in rates],
         "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
@@ -125,7 +125,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
         numbers["objects"] = _objects(found, sign, square_km)
-    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), shown)
+    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), worst_at)
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def page(found: Evaluation, made: Mapping[str, Any]) -> str:
         drawn["objects"] = plots.as_uri(plots.object_curves(found))
     places = [
         (d.name, plots.as_uri(plots.scene(d, found), "png"),
-         plots.as_uri(plots.chips(d, found), "png") if d.worst else "", f"{d.shown.pfa:.3g}")
+         plots.as_uri(plots.chips(d, found), "png") if d.worst else "", f"{d.worst_at.pfa:.3g}")
         for d in found.detectors
     ]  # fmt: skip
     return render(

@@ -121,7 +121,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{sign * value:.4g}")
     for target in () if d.objects is None else d.objects.objects:
         (top, bottom), (left, right) = target.bounds
-        style = "-" if target.score_max > d.shown.threshold else "--"
+        style = "-" if target.score_max > d.worst_at.threshold else "--"
         ax.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor="w", linestyle=style))
     for number, alarm in enumerate(d.worst, start=1):
         row, column = alarm.centroid

@@ -68,8 +68,7 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
         Numbers are not whole, or have more than 32 bits.
     """
     truth = np.asarray(truth)
-    values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
-    names = np.unique(values)
+    names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
         return label(np.isin(truth, names))
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():

@@ -101,11 +101,10 @@ def fit(
         np.ones(len(scales)), 1.0, scales, side=side,
     )  # fmt: skip
     states = [_State(block, classes, model) for block, classes in blocks]
-    for last in (*(False,) * (_ROUNDS - 1), True):
+    for i in range(_ROUNDS):
+        for state in states if i else ():
+            state.narrow(model)
         model = _learn(states, model)
-        if not last:
-            for state in states:
-                state.narrow(model)
     found = [_combined(s, model) for s in states]
     if fine and len(nir):
         glint = GlintScale.fit(nir, found, [s.open for s in states], scales[-1])
