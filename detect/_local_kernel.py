@@ -76,8 +76,13 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _judge(pivot, square, rest, away, count, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot), 0 where the pivot is lost or inexact, and mark such pixels in `state`."""
+def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
+    """Fill `scale` with 1 / sqrt(pivot), 0 where the pivot is lost or inexact, and mark such pixels in `state`.
+
+    A pivot is lost where it is below `exact`, and inexact below a thousand times `exact`, of the sum of squares that it
+    was taken from. `ring` holds that sum, the number of pixels, and the distance of the pixel from their mean.
+    """
+    square, count, away = ring
     for c in range(len(pivot)):
         if pivot[c] > 1e3 * exact * square[c]:
             scale[c] = 1.0 / np.sqrt(pivot[c])
@@ -91,15 +96,14 @@ def _judge(pivot, square, rest, away, count, exact, scale, state):  # type: igno
 
 
 @njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
-def _distances(sums, x, ddof, ridge, root, z, total, state):  # type: ignore[no-untyped-def]
+def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances by Cholesky's factor, row by row; arrays are of `LANES` pixels.
 
-    A pivot is lost where it is below `exact`, and inexact below a thousand times `exact`, of the sum of squares that it
-    was taken from.
+    `root` is filled with the factor of the covariance, (bands, bands), and below it with the whitened pixel.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
-    count, first = sums[0], 1
+    count, first, z = sums[0], 1, root[bands]
     mean, away, rest, pivot = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for c in range(n):
         total[c], state[c] = 0.0, ASIDE if count[c] <= bands else DONE
@@ -124,8 +128,8 @@ def _distances(sums, x, ddof, ridge, root, z, total, state):  # type: ignore[no-
                 rest[c] -= a[c] * before[c]
                 pivot[c] -= a[c] * a[c]
             earlier += j + 2
-        _judge(pivot, square, rest, away, count, exact, root[i, i], state)
-        own_z, scale = z[i], root[i, i]
+        scale, own_z = root[i, i], z[i]
+        _judge(pivot, rest, (square, count, away), exact, scale, state)
         for c in range(n):
             own_z[c] = rest[c] * scale[c]
             total[c] += own_z[c] * own_z[c]
@@ -144,12 +148,12 @@ def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-de
     sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : (pixels,)
     """
     bands, products = len(x), len(sums)
-    root, z = np.zeros((bands, bands, LANES)), np.empty((bands, LANES))
+    root = np.zeros((bands + 1, bands, LANES))
     some_sums, some_x = np.ones((products, LANES)), np.zeros((bands, LANES))
     found, how = np.empty(LANES), np.empty(LANES, np.uint8)
     for start in range(0, len(total), LANES):
         stop = min(start + LANES, len(total))
         some_sums[:, : stop - start] = sums[:, start:stop]
         some_x[:, : stop - start] = x[:, start:stop]
-        _distances(some_sums, some_x, ddof, ridge, root, z, found, how)
+        _distances(some_sums, some_x, ddof, ridge, root, found, how)
         total[start:stop], state[start:stop] = found[: stop - start], how[: stop - start]

@@ -14,17 +14,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import tiles
+from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 
 from . import covariance as estimates
+from .arrays import Array, Float64, Int64, Mask
 
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Scores = npt.NDArray[np.floating[Any]]
 COVARIANCES = {
     "empirical": "as it is; a pseudo-inverse where bands are constant or follow from others",
     "ridge": "with a share of each band's own variance added to it (--ridge)",
@@ -126,16 +124,16 @@ class Part:
     """Contribution of tiles to the background of a scene: moments of cells, and sampled pixels with their positions."""
 
     cells: CellMoments
-    places: npt.NDArray[np.int64]
-    values: npt.NDArray[Any]
+    places: Int64
+    values: Array
 
     @classmethod
-    def of(cls, block: npt.NDArray[Any], mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
+    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
         """Part of a block whose first pixel is at `origin` in the scene; one pixel in `share` is sampled (0: none)."""
         cells = cell_moments(block, mask, origin=origin)
         rows = columns = np.zeros(0, np.int64)
         if share:
-            good = np.isfinite(block).all(axis=0)
+            good = np.asarray(np.isfinite(block).all(axis=0))
             rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
         return cls(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
 
@@ -166,7 +164,7 @@ class Part:
 
 
 def fit(
-    image: npt.NDArray[Any],
+    image: Array,
     *,
     mask: Mask | None = None,
     covariance: str = "empirical",
@@ -228,7 +226,7 @@ def fit(
 
 def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
-    sample: npt.NDArray[Any] | None = None,
+    sample: Array | None = None,
 ) -> Background:  # fmt: skip
     """Background from moments; "mcd" and "ledoit-wolf" also need a sample of pixels, (pixels, bands)."""
     check_rule(covariance, ridge)
@@ -271,13 +269,12 @@ def sample_share(covariance: str, pixels: int) -> int:
 
 def check_rule(covariance: str, ridge: float) -> None:
     """Check the name of the estimator and the value of the ridge."""
-    if covariance not in COVARIANCES:
-        raise InputError(f"covariance {covariance!r} is not one of {', '.join(COVARIANCES)}.")
+    check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
-def default_threads(image: npt.NDArray[Any]) -> int:
+def default_threads(image: Array) -> int:
     """Number of threads for an array in memory: one if it is small, else all available processors.
 
     OMP_NUM_THREADS is an upper limit, as for the matrix products.
@@ -288,7 +285,7 @@ def default_threads(image: npt.NDArray[Any]) -> int:
     return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
 
 
-def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def as_image(image: Array) -> Array:
     """Convert to an array, and check that it is (band, row, column) of real numbers; else raise an InputError."""
     image = np.asarray(image)
     if image.ndim != 3 or not len(image):
@@ -298,7 +295,7 @@ def as_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return image
 
 
-def as_mask(mask: npt.NDArray[Any] | None, image: npt.NDArray[Any]) -> Mask | None:
+def as_mask(mask: Array | None, image: Array) -> Mask | None:
     """Convert to a bool array, and check that it has the rows and columns of the image; else raise an InputError."""
     if mask is None:
         return None

@@ -17,12 +17,10 @@ Computational and Graphical Statistics 21, 618-637, doi:10.1080/10618600.2012.67
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
-Float64 = npt.NDArray[np.float64]
+from .arrays import Array, Float64
+
 TOLERANCE = 10 * np.finfo(np.float64).eps
 """Relative rounding error: eigenvalues below this, times the number of bands, times the largest, count as 0."""
 _STEPS = 100
@@ -39,20 +37,10 @@ def standardised(covariance: Float64) -> tuple[Float64, Float64]:
 
 
 def whitener(covariance: Float64) -> Float64:
-    """Whitening matrix W: W x has uncorrelated components of unit variance, and W^T W is the (pseudo-)inverse.
+    """Whitening matrix W, (rank, bands): W x has uncorrelated components of unit variance, and W^T W is the inverse.
 
-    Parameters
-    ----------
-    covariance : (bands, bands) ndarray
-
-    Returns
-    -------
-    (rank, bands) ndarray
-        Columns of bands that do not vary are 0.
-
-    Notes
-    -----
-    The pseudo-inverse is taken of the correlation, so that it does not depend on the bands' units.
+    Columns of bands that do not vary are 0. The pseudo-inverse is taken of the correlation, so that it does not depend
+    on the bands' units.
     """
     correlation, scale = standardised(covariance)
     values, vectors = np.linalg.eigh(correlation)
@@ -82,16 +70,9 @@ def oas_shrinkage(covariance: Float64, n: int) -> float:
 
 
 def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float:
-    """Ledoit and Wolf's shrinkage of the correlation (2004, lemmas 3.2-3.4).
+    """Ledoit and Wolf's shrinkage of the correlation (2004, lemmas 3.2-3.4) for n pixels.
 
-    Parameters
-    ----------
-    covariance : (bands, bands) ndarray
-        Divided by n, not n - 1.
-    n : int
-        Pixels.
-    sample : (pixels, bands) ndarray
-        Of these pixels some, or all, less their mean.
+    The covariance is divided by n, not n - 1. `sample`, (pixels, bands), holds some or all of them less their mean.
     """
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
@@ -103,28 +84,13 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
     return float(min(max(fourth - total, 0.0) / n, distance) / distance)
 
 
-def robust(sample: npt.NDArray[Any], keep: float = 0.75) -> tuple[Float64, Float64, int]:
+def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
     """Mean and covariance of the core of a sample: deterministic minimum covariance determinant, reweighted.
 
-    Parameters
-    ----------
-    sample : (pixels, bands) ndarray
-        Finite values.
-    keep : float
-        Share of pixels in the core, 0.5 to 1.
-
-    Returns
-    -------
-    mean : (bands,) ndarray
-    covariance : (bands, bands) ndarray
-        Made consistent for a normal background.
-    used : int
-        Pixels that the last, reweighted estimate is made of.
-
-    Notes
-    -----
     Concentration steps (Rousseeuw and Van Driessen 1999, theorem 1) from three deterministic starts, as Hubert et al.
-    (2012) proposed. Up to 1 - keep of the pixels may be anything. Costs some dozen passes over the sample.
+    (2012) proposed. The core has the share `keep`, 0.5 to 1, of the finite pixels of `sample`, (pixels, bands); the
+    others may be anything. The covariance is made consistent for a normal background. The last value is the number of
+    pixels in the reweighted estimate. Costs some dozen passes over the sample.
     """
     from scipy.stats import chi2
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from .arrays import Float32, Float64
 from .covariance import ridged, whitener
 
 LINES = 64
@@ -56,10 +57,10 @@ class LineScorer:
         self.n = 0
         self._keep = 1 - 1 / lines
         self._weight = 0.0
-        self._mean: npt.NDArray[np.float64] | None = None
+        self._mean: Float64 | None = None
         self._second = np.zeros((0, 0))
 
-    def score(self, line: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    def score(self, line: npt.ArrayLike) -> Float32:
         """Squared Mahalanobis distance of every pixel of a line from the lines before.
 
         Parameters
@@ -95,7 +96,7 @@ class LineScorer:
         self._learn(taken)
         return out
 
-    def _learn(self, taken: npt.NDArray[np.float64]) -> None:
+    def _learn(self, taken: Float64) -> None:
         """Add pixels, (band, pixel), to the averages."""
         count = taken.shape[1]
         if not count:
@@ -114,7 +115,7 @@ class LineScorer:
         self._weight += count
 
 
-def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[npt.NDArray[np.float32]]:
+def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
     """Scores of successive lines; see `LineScorer`.
 
     Parameters

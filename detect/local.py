@@ -16,20 +16,19 @@ using subspace separation for hyperspectral imagery", Optical Engineering 42, 33
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import InputError
-from deglint.scene import Window
+from deglint.tiles import Tile
 
-from .background import Float64, Mask, Scores, as_image, as_mask
+from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
+from .background import as_image, as_mask, check_rule
+from .covariance import TOLERANCE
 
 CELL = 256
 """Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
@@ -47,7 +46,6 @@ STATES = {
 """Bits of `flags`; 0 for none."""
 _DIRECT = 254
 """State of pixels that are computed one by one: many bands, imprecise sums, or a window that is moved inside."""
-_RANK = 10 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,8 @@ class WindowRule:
 
     inner: int
     outer: int
-    border: str
     size: tuple[int, int]
+    border: str = "shrink"
     ddof: int = 1
     ridge: float = 0.0
 
@@ -65,15 +63,13 @@ class WindowRule:
         inner, outer, size = self.inner, self.outer, self.size
         if not (inner % 2 == outer % 2 == 1 and 1 <= inner < outer):
             raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
-        if self.border not in BORDERS:
-            raise InputError(f"border {self.border!r} is not one of {', '.join(BORDERS)}.")
+        check_choice(self.border, list(BORDERS), "border")
+        check_rule("ridge", self.ridge)
         if self.border != "shrink" and outer > min(size):
             raise InputError(
                 f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {self.border}. "
                 "Take a smaller window, or border shrink."
             )
-        if not (np.isfinite(self.ridge) and self.ridge >= 0):
-            raise InputError(f"ridge: want a share of the variance, 0 or more, got {self.ridge}.")
 
     @property
     def halo(self) -> int:
@@ -81,10 +77,10 @@ class WindowRule:
         return self.outer // 2
 
 
-@checked_keywords()
+@checked_keywords("border", "ddof", "ridge")
 def local_rx(
-    image: npt.NDArray[Any], *, inner: int, outer: int, mask: Mask | None = None, border: str = "shrink",
-    ddof: int = 1, ridge: float = 0.0, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+    image: Array, *, inner: int, outer: int, mask: Mask | None = None,
+    flags: Uint8 | None = None, threads: int = 1, **options: Any,
 ) -> Scores:  # fmt: skip
     """Local RX with a dual window.
 
@@ -96,17 +92,15 @@ def local_rx(
         Sides of the guard, and of the window whose other pixels are the background [pixel]; odd, inner < outer.
     mask : (row, column) bool ndarray, optional
         True where a pixel is used; the others are in no ring, and score NaN.
-    border : {"shrink", "mirror", "shift"}
-        Where the window reaches beyond the image: the part outside is ignored; the image is mirrored at its edge; or
-        window and guard are moved inside, each by the smallest distance.
-    ddof : int
-        The covariance is divided by pixels - ddof; 0 in most published figures.
-    ridge : float
-        Share of each band's variance that is added to it.
     flags : (row, column) uint8 ndarray, optional
         Filled with `STATES`.
     threads : int
         The result does not depend on it.
+    **options
+        border, where the window reaches beyond the image: "shrink" (default) ignores the part outside; "mirror"
+        mirrors the image at its edge; "shift" moves window and guard inside, each by the smallest distance. ddof, 1 by
+        default: the covariance is divided by pixels - ddof; 0 in most published figures. ridge, 0 by default: share of
+        each band's variance that is added to it.
 
     Returns
     -------
@@ -134,51 +128,43 @@ def local_rx(
     image = as_image(image)
     mask = as_mask(mask, image)
     size = (image.shape[1], image.shape[2])
-    rule = WindowRule(inner, outer, border, size, ddof, ridge)
+    rule = WindowRule(inner, outer, size, **options)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
     import scipy.linalg.lapack  # noqa: F401  a library that is loaded later is not limited
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):  # a ring's matrices are small: threads would wait for each other
-        return score_part(image, rule, (0, 0), ((0, size[0]), (0, size[1])), mask, flags=flags, threads=threads)
+        whole = Tile(0, size[0], 0, size[1])
+        return score_part(image, rule, whole, whole, mask, flags=flags, threads=threads)
 
 
 def score_part(
-    block: npt.NDArray[Any], rule: WindowRule, origin: tuple[int, int], part: Window, mask: Mask | None = None,
-    *, flags: npt.NDArray[np.uint8] | None = None, threads: int = 1,
+    block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None,
+    *, flags: Uint8 | None = None, threads: int = 1,
 ) -> Scores:  # fmt: skip
     """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
 
-    `origin` is the block's first pixel in the scene; the first row and column of `part` are multiples of `CELL`. The
-    mask is of the block, the flags of the part; else as `local_rx`.
+    `held` is the tile of the block; the first row and column of `part` are multiples of `CELL`. The mask is of the
+    block, the flags of the part; else as `local_rx`.
     """
-    (row0, row1), (col0, col1) = part
-    shape = (row1 - row0, col1 - col0)
     _check_memory(len(block), rule)
     dtype = np.float64 if block.dtype == np.float64 else np.float32
-    scores = np.full(shape, np.nan, dtype)
-    good = np.isfinite(block).all(axis=0)
+    scores = np.full(part.shape, np.nan, dtype)
+    good = np.asarray(np.isfinite(block).all(axis=0))
     if mask is not None:
         good &= mask
 
-    def score_cell(cell: Window) -> None:
-        own = _slices(cell, (row0, col0))
-        values, states = _score_cell(block, good, origin, cell, rule)
+    def score_cell(cell: Tile) -> None:
+        own = cell.within(part)
+        values, states = _score_cell(block, good, held, cell, rule)
         scores[own] = np.minimum(values, np.finfo(dtype).max, out=values)
         if flags is not None:
             flags[own] = states
 
-    corners = product(range(row0, row1, CELL), range(col0, col1, CELL))
-    cells = [((r, min(r + CELL, row1)), (c, min(c + CELL, col1))) for r, c in corners]
     with ThreadPoolExecutor(max(threads, 1)) as pool:
-        list(pool.map(score_cell, cells))
+        list(pool.map(score_cell, part.split(CELL)))
     return scores
-
-
-def _slices(window: Sequence[tuple[int, int]], origin: tuple[int, int]) -> tuple[slice, ...]:
-    """Slices of a window of the scene in an array whose first pixel is `origin`."""
-    return tuple(slice(start - first, stop - first) for (start, stop), first in zip(window, origin, strict=True))
 
 
 def _check_memory(bands: int, rule: WindowRule) -> None:
@@ -192,29 +178,25 @@ def _check_memory(bands: int, rule: WindowRule) -> None:
         )
 
 
-def _score_cell(
-    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule
-) -> tuple[Float64, npt.NDArray[np.uint8]]:
+def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
     """Scores and states of one cell."""
-    inside = good[_slices(cell, origin)]
+    inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
     if not inside.any():
         return scores, states
     if len(block) <= SUMS_BANDS:
-        _by_sums(_padded(block, good, origin, cell, rule), rule, inside, scores, states)
+        _by_sums(_padded(block, good, held, cell, rule), rule, inside, scores, states)
         if rule.border == "shift":
             states[inside & _near_edge(cell, rule)] = _DIRECT
     else:
         states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
-        row, column = int(r) + cell[0][0], int(c) + cell[1][0]
-        scores[r, c], states[r, c] = _direct(block, good, origin, row, column, rule)
+        place = int(r) + cell.row0, int(c) + cell.col0
+        scores[r, c], states[r, c] = _direct(block, good, held, place, rule)
     return scores, states
 
 
-def _by_sums(
-    x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: npt.NDArray[np.uint8]
-) -> None:  # fmt: skip
+def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
     """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
     from ._local_kernel import ASIDE, distances, ring_moments
 
@@ -228,18 +210,18 @@ def _by_sums(
     scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
-def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: Window, rule: WindowRule) -> Float64:
+def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
     halo = rule.halo
-    x = np.zeros((1 + len(block), *(b - a + 2 * halo for a, b in cell)))
+    window = Tile(cell.row0 - halo, cell.row1 + halo, cell.col0 - halo, cell.col1 + halo)
+    x = np.zeros((1 + len(block), *window.shape))
     if rule.border == "mirror":
-        places = (_mirrored(np.arange(a - halo, b + halo), n) for (a, b), n in zip(cell, rule.size, strict=True))
-        source: Any = np.ix_(*(p - first for p, first in zip(places, origin, strict=True)))
+        rows, columns = (_mirrored(np.arange(*ends), n) for ends, n in zip(window.window, rule.size, strict=True))
+        source: Any = np.ix_(rows - held.row0, columns - held.col0)
         inside = x
     else:  # what lies outside the scene stays 0
-        spans = [(max(a - halo, 0), min(b + halo, n)) for (a, b), n in zip(cell, rule.size, strict=True)]
-        source = _slices(spans, origin)
-        inside = x[(slice(None), *_slices(spans, (cell[0][0] - halo, cell[1][0] - halo)))]
+        seen = cell.grown(halo, *rule.size)
+        source, inside = seen.within(held), x[seen.within(window)]
     inside[0] = known = good[source]
     for band, out in zip(block, inside[1:], strict=True):
         few = band[source][::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
@@ -247,34 +229,29 @@ def _padded(block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], cell: 
     return x
 
 
-def _mirrored(places: npt.NDArray[np.int64], size: int) -> npt.NDArray[np.int64]:
+def _mirrored(places: Int64, size: int) -> Int64:
     """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
     places = np.where(places < 0, -1 - places, places)
     return np.where(places >= size, 2 * size - 1 - places, places)
 
 
-def _near_edge(cell: Window, rule: WindowRule) -> Mask:
+def _near_edge(cell: Tile, rule: WindowRule) -> Mask:
     """Pixels whose window reaches beyond the scene."""
-    near = []
-    for (a, b), size in zip(cell, rule.size, strict=True):
-        places = np.arange(a, b)
-        near.append((places < rule.halo) | (places >= size - rule.halo))
-    return np.asarray(near[0][:, None] | near[1])
+    places = [np.arange(*ends) for ends in cell.window]
+    near = [(at < rule.halo) | (at >= size - rule.halo) for at, size in zip(places, rule.size, strict=True)]
+    return np.asarray(np.logical_or.outer(*near))
 
 
-def _direct(
-    block: npt.NDArray[Any], good: Mask, origin: tuple[int, int], row: int, column: int, rule: WindowRule
-) -> tuple[float, int]:
+def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
     """Score and state of one pixel from the pixels of its ring."""
     corner, outer, inner = [], [], []
-    for at, first, size in zip((row, column), origin, rule.size, strict=True):
+    for at, size in zip(place, rule.size, strict=True):
         places = _places(at, size, rule.outer, rule.border)
-        low = int(places.min())
-        corner.append(low - first)
-        outer.append(np.bincount(places - low))
-        inner.append(np.bincount(_places(at, size, rule.inner, rule.border) - low, minlength=len(outer[-1])))
+        corner.append(int(places.min()))
+        outer.append(np.bincount(places - corner[-1]))
+        inner.append(np.bincount(_places(at, size, rule.inner, rule.border) - corner[-1], minlength=len(outer[-1])))
     count = np.multiply.outer(*outer) - np.multiply.outer(*inner)
-    top, left = corner
+    top, left = corner[0] - held.row0, corner[1] - held.col0
     area = (slice(top, top + count.shape[0]), slice(left, left + count.shape[1]))
     used = good[area] & (count > 0)
     weight = count[used].astype(np.float64)
@@ -286,14 +263,14 @@ def _direct(
     ring -= shift
     mean = weight @ ring / n
     ring -= mean
-    away = block[:, row - origin[0], column - origin[1]].astype(np.float64) - shift - mean
+    away = block[:, place[0] - held.row0, place[1] - held.col0].astype(np.float64) - shift - mean
     root = np.sqrt(weight)
     ring *= root[:, None]
     value, full = _inverse_form(ring, away, root, rule.ridge)
     return value * (n - rule.ddof), FINE if full else DEFICIENT
 
 
-def _places(at: int, size: int, side: int, border: str) -> npt.NDArray[np.int64]:
+def _places(at: int, size: int, side: int, border: str) -> Int64:
     """Rows (or columns) of the window around a row, by the border rule; mirrored ones occur twice."""
     first = at - side // 2
     if border == "shift":
@@ -311,10 +288,10 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
     length = np.sqrt((ring**2).sum(axis=0))
     if length.all():  # test the rank independently of the units of the bands
         _, values, vectors = np.linalg.svd(ring / length, full_matrices=False)
-        if (values**2 > _RANK * bands).all():
+        if (values**2 > TOLERANCE * bands).all():
             return float(((vectors @ (away / length) / values) ** 2).sum()), True
     _, values, vectors = np.linalg.svd(ring, full_matrices=False)
-    kept = values**2 > _RANK * bands * (values**2).sum()
+    kept = values**2 > TOLERANCE * bands * (values**2).sum()
     return float(((vectors[kept] @ away / values[kept]) ** 2).sum()), False
 
 
@@ -334,7 +311,7 @@ def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> t
         matrix[np.diag_indices(bands)] *= 1 + ridge
         filled = matrix
     lower, failed = dpotrf(filled, lower=1)
-    if not failed and (np.diag(lower) ** 2 > _RANK * len(lower) * np.diag(filled)).all():
+    if not failed and (np.diag(lower) ** 2 > TOLERANCE * len(lower) * np.diag(filled)).all():
         z = dtrtrs(lower, right, lower=1)[0]
         if few:
             z = dtrtrs(lower, z, lower=1, trans=1)[0]
@@ -342,7 +319,7 @@ def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> t
     if not np.trace(matrix) > 0:
         return 0.0, False
     # a pivoted factor L of as many columns as the rank: the pseudo-inverse is L (L^T L)^-2 L^T
-    lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=_RANK * len(matrix) * np.trace(matrix))
+    lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=TOLERANCE * len(matrix) * np.trace(matrix))
     lower, right = np.tril(lower)[:, :rank], right[pivots - 1]
     gram = dpotrf(lower.T @ lower, lower=1)[0]
     if few:

@@ -17,6 +17,8 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from .arrays import Float32, Float64, Mask
+
 FASTEST = 20.0
 """Maximum speed of a boat [m/s]."""
 _WATER_WINDOW = 31
@@ -33,41 +35,27 @@ _SLOWEST = 0.25
 
 @dataclass(frozen=True)
 class Mover:
-    """A boat, and how it moves.
+    """A boat, and how it moves."""
 
-    Attributes
-    ----------
-    row, column : float
-        At the time 0 of the delays [pixel].
-    speed : float
-        [m/s].
-    heading : float
-        Where to, clockwise from the upward direction of the image [degree].
-    error : float
-        Root mean square distance of its places from an even motion [pixel].
-    contrast : float
-        Least peak over the bands [robust standard deviation].
-    """
-
-    row: float
+    row: float  # at the time 0 of the delays [pixel]
     column: float
-    speed: float
-    heading: float
-    error: float
-    contrast: float
+    speed: float  # [m/s]
+    heading: float  # where to, clockwise from the upward direction of the image [degree]
+    error: float  # root mean square distance of its places from a uniform motion [pixel]
+    contrast: float  # least peak over the bands [robust standard deviation]
 
 
-def contrast(band: npt.NDArray[np.float32], water: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+def contrast(band: Float32, water: Mask) -> Float32:
     """Deviation of every pixel from the water around [robust standard deviation]."""
     import cv2
 
-    def mean(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (_WATER_WINDOW, _WATER_WINDOW), normalize=False,
-                                        borderType=cv2.BORDER_CONSTANT))  # fmt: skip
-
     known = water & np.isfinite(band)
-    count = np.maximum(mean(known.astype(np.float32)), 1)
-    away = np.where(np.isfinite(band), band - mean(np.where(known, band, 0).astype(np.float32)) / count, 0)
+    window = (_WATER_WINDOW, _WATER_WINDOW)
+    total, count = (
+        cv2.boxFilter(values.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for values in (np.where(known, band, 0), known)
+    )
+    away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
     spread = 1.4826 * float(np.median(np.abs(away[known]))) if known.any() else 1.0
     return np.asarray(away / (spread or 1.0), np.float32)
 
@@ -120,7 +108,7 @@ def find_moving(
     return sorted(found, key=lambda m: -m.contrast)
 
 
-def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+def _peaks(contrasts: Float32, sea: Mask) -> Float64:
     """Row and column (means weighted by contrast) and peak of every detection, (detection, 3)."""
     from .objects import label
 
@@ -137,10 +125,7 @@ def _peaks(contrasts: npt.NDArray[np.float32], sea: npt.NDArray[np.bool_]) -> np
     return np.stack([row, column, peak[1:]], axis=1)
 
 
-def _followed(
-    start: npt.NDArray[np.float64], first: int, places: Sequence[npt.NDArray[np.float64]],
-    times: npt.NDArray[np.float64], pixel: float,
-) -> Mover | None:  # fmt: skip
+def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
     """Uniform motion through all bands that fits a detection best; None where there is none, or it does not move."""
     last = int(np.argmax(times))
     span = float(times[last] - times[first])
@@ -168,7 +153,7 @@ def _followed(
     return best
 
 
-def _fitted(track: npt.NDArray[np.float64], times: npt.NDArray[np.float64], pixel: float, least: float) -> Mover:
+def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
     """Least squares fit of a uniform motion to places, (band, 2) [pixel]."""
     design = np.stack([np.ones_like(times), times], axis=1)
     fit, *_ = np.linalg.lstsq(design, track, rcond=None)

@@ -14,12 +14,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
-Mask = npt.NDArray[np.bool_]
-Places = npt.NDArray[np.int64]
+from .arrays import Array, Float64, Int32, Int64, Mask
+
 Ring = tuple[tuple[float, float], ...]
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
 _FOOTPRINT = 3
@@ -63,7 +62,7 @@ class Object:
     bounds: tuple[tuple[int, int], tuple[int, int]]
     footprint: Mask = field(repr=False)
     score_top: float = math.nan
-    scores: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    scores: Float64 = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
@@ -78,31 +77,32 @@ class Object:
 
         (top, bottom), (left, right) = self.bounds
         if self.footprint.all():  # most objects are a few pixels, and a call of GDAL takes 0.3 ms
-            return ((_ring([(left, top), (left, bottom), (right, bottom), (right, top), (left, top)]),),)
+            rows, columns = (top, bottom, bottom, top, top), (left, left, right, right, left)
+            return ((tuple(zip(map(float, columns), map(float, rows), strict=True)),),)
         place = Affine.translation(left, top)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             found = shapes(self.footprint.astype(np.uint8), mask=self.footprint, connectivity=4, transform=place)
-            return tuple(tuple(_ring(ring) for ring in polygon["coordinates"]) for polygon, _ in found)
-
-
-def _ring(corners: Sequence[tuple[float, float]]) -> Ring:
-    return tuple((float(x), float(y)) for x, y in corners)
+            return tuple(tuple(map(tuple, polygon["coordinates"])) for polygon, _ in found)
 
 
 def find(
-    mask: Mask, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
+    mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
 ) -> list[Object]:  # fmt: skip
-    """Objects of a detection mask, the highest score first.
+    """Objects of a detection mask, the highest score first: pixels that touch, also at a corner, are one object.
 
     Parameters
     ----------
     mask : (row, column) ndarray of bool
         Detected pixels; where the score is NaN it does not count.
     scores : (row, column) ndarray
-    min_size, merge_distance, pixel_area
-        As `find_among`.
+    min_size : int
+        Objects of fewer pixels are dropped, after merging.
+    merge_distance : float
+        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
+    pixel_area : float, optional
+        Area of a pixel [m2].
 
     Raises
     ------
@@ -124,26 +124,13 @@ def find(
 
 
 def find_among(
-    rows: Places, columns: Places, scores: npt.NDArray[Any], *, min_size: int = 1, merge_distance: float = 0.0,
+    rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """Objects from the positions of detected pixels, for scenes that do not fit into memory.
+    """As `find` from the places and scores of detected pixels, (pixels,), for scenes that do not fit into memory.
 
-    Pixels that touch, also at a corner, belong to one object. Positions are in row-major order.
-
-    Parameters
-    ----------
-    rows, columns : (pixels,) int64 ndarray
-        Places of the detected pixels.
-    scores : (pixels,) ndarray
-    min_size : int
-        Objects of fewer pixels are dropped, after merging.
-    merge_distance : float
-        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
-    pixel_area : float, optional
-        Area of a pixel [m2].
-    above : float
-        Only pixels with a greater score belong to objects; the others only connect the parts of an object.
+    Places are in row-major order. Only pixels with a score greater than `above` belong to objects; the others only
+    connect the parts of an object.
 
     Examples
     --------
@@ -158,10 +145,26 @@ def find_among(
         return []
     part, kept = _joined(rows, columns, merge_distance), scores > above
     top = _top(part, scores)
-    return _described(rows[kept], columns[kept], part[kept], scores[kept], top, min_size, pixel_area)
+    rows, columns, part, values = rows[kept], columns[kept], part[kept], scores[kept].astype(np.float64)
+    parts = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]) if len(part) else []
+    large = [own for own in parts if len(own) >= min_size]
+    out = []
+    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
+        down, across = rows[own], columns[own]
+        row, left = int(down.min()), int(across.min())
+        footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
+        footprint[down - row, across - left] = True
+        out.append(Object(
+            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
+            area=None if pixel_area is None else len(own) * pixel_area,
+            centroid=(float(down.mean()), float(across.mean())),
+            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
+            score_top=float(top[part[own[0]]]), scores=values[own],
+        ))  # fmt: skip
+    return out
 
 
-def _top(part: npt.NDArray[np.int32], scores: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def _top(part: Int32, scores: Array) -> Float64:
     """Root mean square of the highest scores of each part."""
     order = np.lexsort((-scores, part))
     counts = np.bincount(part)
@@ -171,7 +174,7 @@ def _top(part: npt.NDArray[np.int32], scores: npt.NDArray[Any]) -> npt.NDArray[n
     return np.asarray(np.sqrt(np.bincount(part[first], squares, len(counts)) / _FOOTPRINT))
 
 
-def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.int32]:
+def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
     """Number of the part that each pixel belongs to."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -193,37 +196,13 @@ def _joined(rows: Places, columns: Places, distance: float) -> npt.NDArray[np.in
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
-def label(mask: Mask) -> npt.NDArray[np.int32]:
+def label(mask: Mask) -> Int32:
     """Number the connected parts of a mask from 1, 0 elsewhere; corners connect."""
     import cv2
 
     if mask.size == 0:  # OpenCV crashes
         return np.zeros(mask.shape, np.int32)
     return np.asarray(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)[1])
-
-
-def _described(
-    rows: Places, columns: Places, at: npt.NDArray[np.int32], scores: npt.NDArray[Any],
-    top: npt.NDArray[np.float64], min_size: int, pixel_area: float | None,
-) -> list[Object]:  # fmt: skip
-    """Objects from their pixels, in row-major order, the part that each belongs to, and `_top` of every part."""
-    values = scores.astype(np.float64)
-    parts = np.split(np.argsort(at, kind="stable"), np.cumsum(np.bincount(at))[:-1]) if len(at) else []
-    large = [own for own in parts if len(own) >= min_size]
-    out = []
-    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
-        down, across = rows[own], columns[own]
-        row, left = int(down.min()), int(across.min())
-        footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
-        footprint[down - row, across - left] = True
-        out.append(Object(
-            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
-            area=None if pixel_area is None else len(own) * pixel_area,
-            centroid=(float(down.mean()), float(across.mean())),
-            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=float(top[at[own[0]]]), scores=values[own],
-        ))  # fmt: skip
-    return out
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError
 
-Float64 = npt.NDArray[np.float64]
+from .arrays import Float64
 
 
 def fit(excess: Float64) -> tuple[float, float, float]:

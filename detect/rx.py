@@ -32,12 +32,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
 
-from .background import RIDGE, Background, Float64, Mask, Scores, as_image, as_mask, default_threads, fit
+from .arrays import Array, Float64, Mask, Scores
+from .background import RIDGE, Background, as_image, as_mask, default_threads, fit
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024
@@ -54,40 +54,24 @@ _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 class Method:
     """Entry of the table of detectors.
 
-    Attributes
-    ----------
-    summary : str
-    matrices : callable, optional
-        (background, whitener, drop, nir) to `Detector.whiten` and, where there is one, `Detector.linear`; None for a
-        detector that does not compare with one background.
-    law : bool
-        Whether scores over a normal background follow F or chi-squared.
-    invariant : bool
-        Whether no invertible affine map of the bands, such as a linear glint removal, changes the scores.
+    `matrices` computes `Detector.whiten` and, where there is one, `Detector.linear` from (background, whitener, drop,
+    nir); it is None for a detector that does not compare with one background.
     """
 
     summary: str
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
-    law: bool = False
-    invariant: bool = False
+    law: bool = False  # whether scores over a normal background follow F or chi-squared
+    invariant: bool = False  # whether an invertible affine map of the bands, such as a glint removal, changes no score
 
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean.
+    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean - rest."""
 
-    Attributes
-    ----------
-    mean, rest : (bands,) ndarray
-        The mean is mean + rest.
-    whiten : (rank, bands) ndarray
-    linear : (bands,) ndarray or None
-    """
-
-    mean: Float64
-    rest: Float64
-    whiten: Float64
-    linear: Float64 | None = None
+    mean: Float64  # (bands,)
+    rest: Float64  # (bands,): rounding error of the mean
+    whiten: Float64  # (rank, bands)
+    linear: Float64 | None = None  # (bands,)
 
     @property
     def rank(self) -> int:
@@ -96,36 +80,20 @@ class Detector:
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
-    """Make a detector from a background.
+    """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
 
-    Parameters
-    ----------
-    method : str
-        A key of `METHODS` that has `matrices`.
-    background : Background
-    drop : int
-        For "subspace": leading eigenvectors to leave out.
-    nir : sequence of int
-        For "residual": 0-based bands that the others are regressed on.
-
-    Raises
-    ------
-    InputError
-        A method that is not known, or `drop` or `nir` that leave nothing.
-    FitError
-        No band of the background varies.
+    "subspace" leaves `drop` leading eigenvectors out; "residual" regresses the other bands on `nir` (0-based). They are
+    an InputError where they leave nothing. A background of which no band varies is a FitError.
     """
-    make = METHODS[method].matrices if method in METHODS else None
-    if make is None:
-        known = ", ".join(name for name, kind in METHODS.items() if kind.matrices)
-        raise InputError(f"method {method!r} is not one of {known}.")
+    known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
+    check_choice(method, list(known), "method")
     whiten = whitener(background.covariance)
     if not len(whiten):
         raise FitError("no band of the background varies, so no pixel can exceed it. Check bands and nodata.")
-    return Detector(background.mean, background.rest, *make(background, whiten, drop, nir))
+    return Detector(background.mean, background.rest, *known[method](background, whiten, drop, nir))
 
 
-def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
+def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
     """Scores of a block, as those of `rx`: computed in float64; NaN where a band is not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
@@ -152,7 +120,7 @@ def score(image: npt.NDArray[Any], detector: Detector, mask: Mask | None = None,
     return scores
 
 
-def _fill(flat: npt.NDArray[Any], detector: Detector, matrix: Float64, out: Scores) -> None:
+def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None:
     """Fill `out` with the scores of (bands, pixels); `matrix` is `detector.whiten`, with `linear` as its last row."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
@@ -225,7 +193,7 @@ METHODS = {
 
 @checked_keywords()
 def rx(
-    image: npt.NDArray[Any],
+    image: Array,
     background: Background | Mask | None = None,
     *,
     mask: Mask | None = None,
@@ -285,20 +253,20 @@ def rx(
 
 
 @checked_keywords()
-def utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """Uniform target detector (Ashton and Schaum 1998): likeness to a spectrum of ones; parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
-def rx_utd(image: npt.NDArray[Any], background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
+def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
     """RX less UTD (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
 @checked_keywords()
 def subspace_rx(
-    image: npt.NDArray[Any], background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
+    image: Array, background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
 ) -> Scores:
     """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007); other parameters as `rx`.
 
@@ -309,7 +277,7 @@ def subspace_rx(
 
 @checked_keywords()
 def residual_rx(
-    image: npt.NDArray[Any],
+    image: Array,
     background: Background | Mask | None = None,
     *,
     nir: Sequence[int],
@@ -327,7 +295,7 @@ def residual_rx(
 
 
 def _run(
-    method: str, image: npt.NDArray[Any], background: Background | Mask | None, mask: Mask | None,
+    method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
     """Fit a background where none is given, and score the image."""

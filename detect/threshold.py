@@ -21,16 +21,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
 from . import pareto
+from .arrays import Array, Float64, Mask
 
-Scores = npt.NDArray[Any]
 THRESHOLDS = {
     "gpd": "tail fitted to the scores",
     "empirical": "quantile of the scores",
@@ -66,11 +64,11 @@ class Tail:
     """
 
     n: int
-    values: Scores
+    values: Array
     keep: int = KEEP
 
     @classmethod
-    def of(cls, scores: Scores, keep: int = KEEP) -> Tail:
+    def of(cls, scores: Array, keep: int = KEEP) -> Tail:
         """The tail of an array of scores of any shape; NaN is left out.
 
         Raises
@@ -148,7 +146,7 @@ class Threshold:
     numbers: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def exceeded(self, scores: Scores) -> npt.NDArray[np.bool_]:
+    def exceeded(self, scores: Array) -> Mask:
         """True where a score is greater than the threshold; False where it is NaN."""
         with np.errstate(over="ignore"):
             return np.asarray(np.asarray(scores) > self.value)
@@ -196,13 +194,10 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
-def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
+def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
 
-    Returns
-    -------
-    ndarray
-        float64 of the scores' shape; NaN where a score is NaN.
+    Of the scores' shape; NaN where a score is NaN.
     """
     from scipy.special import betainc, betaincc, chdtrc
 
@@ -215,7 +210,7 @@ def p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.
     return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
 
 
-def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArray[np.float64]:
+def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
 
     A cubic spline through its logarithm, a smooth function of the square root of the score; p-values below 1e-290, and
@@ -233,7 +228,7 @@ def fast_p_value(scores: Scores, bands: int, n: int | None = None) -> npt.NDArra
 
 
 @cache
-def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Scores], Scores]]:
+def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Array], Array]]:
     """Upper end of the spline of log p, as square root of the score, and the spline."""
     from scipy.interpolate import CubicSpline
 
@@ -243,7 +238,7 @@ def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Scores], 
     return float(nodes[last - 1]), CubicSpline(nodes[:last], np.log(values[:last]))
 
 
-def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
+def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold that the fraction `pfa` of the scores exceeds: the least score with at most pfa n above it.
 
     Parameters
@@ -274,7 +269,7 @@ def from_quantile(scores: Scores | Tail, pfa: float) -> Threshold:
     return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)
 
 
-def from_tail(scores: Scores | Tail, pfa: float) -> Threshold:
+def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold from the fitted tail, or by quantile where no law fits it.
 
     A tail without a mean has objects in it; the quantile is then taken if enough scores exceed it.
@@ -295,19 +290,14 @@ def from_tail(scores: Scores | Tail, pfa: float) -> Threshold:
     return replace(found, notes=(*found.notes, f"{reason}: the quantile of the scores is used"))
 
 
-def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
+def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold from a generalised Pareto law fitted to the highest scores, for rates that no pixel reaches.
 
     The k exceedances of u follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape); shape and scale are of
     maximum likelihood (Grimshaw 1993), the threshold is u + scale/shape ((n pfa / k)^(-shape) - 1) and its standard
     error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the moments' answer
     (probability-weighted, Hosking and Wallis 1987, shape only) and the Kolmogorov distance of fit and scores.
-
-    Parameters
-    ----------
-    scores : ndarray or Tail
-        Of the scene, or of a sample of it; NaN is left out.
-    pfa : float
+    Parameters as `from_quantile`.
 
     Raises
     ------
@@ -349,7 +339,7 @@ def from_gpd(scores: Scores | Tail, pfa: float) -> Threshold:
     return found.measured(tail.above(value), tail.n)
 
 
-def _tail(scores: Scores | Tail, pfa: float) -> Tail:
+def _tail(scores: Array | Tail, pfa: float) -> Tail:
     """The tail of scores, however they come."""
     if not isinstance(scores, Tail):
         size = np.asarray(scores).size

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
@@ -24,6 +23,7 @@ from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray
 
+from .arrays import Array
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
@@ -116,8 +116,7 @@ def score(
         raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
     plan = fitted(replace(plan, given=background or plan.given))
     work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
-    reach = plan.rule.halo if plan.rule else plan.sea.halo if plan.sea else 0
-    reach += plan.mask.water.halo if plan.mask.water else 0
+    reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
     step = CELL if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], plan.recipe.method)
@@ -152,6 +151,6 @@ def _recipe(recipe: Recipe | str) -> Recipe:
     return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 
 
-def _scored(work: Scoring, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
     """Scores of a tile of another scene than that of the plan."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

@@ -22,20 +22,18 @@ from deglint.cli.options import (
     needs_output,
     on_cluster,
     opening,
+    parsed,
 )
 
 
-def pair(kind: type, name: str, example: str) -> Callable[..., tuple[Any, Any]]:
+def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
     """A callback that reads two numbers with a comma between."""
 
-    def read(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[Any, Any]:
-        try:
-            first, second = (kind(part) for part in value.split(","))
-        except ValueError:
-            raise click.BadParameter(f"{value!r} is not {name}, such as {example}.") from None
+    def read(text: str) -> tuple[Any, Any]:
+        first, second = map(kind, text.split(","))
         return first, second
 
-    return read
+    return parsed(read, f"is not {name}, such as {example}.")
 
 
 # fmt: off

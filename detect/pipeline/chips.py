@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from deglint.raster.output import Scratch
+from deglint.raster.output import Scratch, write_bytes
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
+from ..arrays import Array, Uint8
 from ..objects import Object
 from .plan import Plan
 from .recipe import Outputs
@@ -54,10 +54,8 @@ def write_chips(
         large = [p.repeat(times, axis=0).repeat(times, axis=1) for p in panels]
         picture = np.concatenate([x for p in large for x in (p, gap)][:-1], axis=1)
         name = f"object_{o.label:04d}.png"
-        done, data = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
-        assert done
-        place = scratch.add(targets.chips / name)
-        place.write_bytes(data.tobytes())
+        _done, png = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
+        write_bytes(scratch, targets.chips / name, bytes(png))
         names.append(f"{targets.chips.name}/{name}")
     return names
 
@@ -89,7 +87,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
     return [raw] if (raw.height, raw.width) == (scene.height, scene.width) else []
 
 
-def _coloured(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def _coloured(image: Array) -> Uint8:
     """(band, row, column) to (row, column, band) of uint8; every band is stretched between its own percentiles."""
     out = []
     for band in image:

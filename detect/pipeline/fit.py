@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import tiles as tiling
 from deglint.errors import NoWaterError
@@ -15,6 +13,7 @@ from deglint.raster.environment import enter_thread
 from deglint.tiles import Tile
 
 from .. import sea
+from ..arrays import Array, Uint8
 from ..background import Background, Part, sample_share
 from ..rx import both, detector
 from .plan import Plan, Progress, SeaPlan
@@ -75,7 +74,7 @@ def _fit_sea(plan: Plan, search: SeaPlan) -> SeaPlan:
     return replace(search, model=sea.fit(blocks, pixel=search.pixel, side=side, nir=nir if search.nir else ()))
 
 
-def read_sea(plan: Plan, search: SeaPlan, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8]]:
+def read_sea(plan: Plan, search: SeaPlan, tile: Tile) -> tuple[Array, Uint8]:
     """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
     block = plan.scene.source.read(tile.window, list(plan.bands))
     valid = np.asarray(np.isfinite(block).all(axis=0))
@@ -84,6 +83,6 @@ def read_sea(plan: Plan, search: SeaPlan, tile: Tile) -> tuple[npt.NDArray[Any],
     return block, sea.region(water, search.rule, valid)
 
 
-def read_nir(plan: Plan, search: SeaPlan, tile: Tile) -> npt.NDArray[Any]:
+def read_nir(plan: Plan, search: SeaPlan, tile: Tile) -> Array:
     """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
     return plan.scene.source.read(tile.window, list(search.nir)) if search.nir else np.zeros((0, *tile.shape))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from deglint.errors import InputError
+from deglint.readers.grid import at
 from deglint.readers.place import ground_area
 from deglint.scene import Scene
 
@@ -29,9 +30,7 @@ def to_wgs84(scene: Scene) -> Move | None:
     from rasterio.warp import transform as warp
 
     def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        t: Any = transform
-        xs = [t.a * x + t.b * y + t.c for x, y in points]
-        ys = [t.d * x + t.e * y + t.f for x, y in points]
+        xs, ys = zip(*(at(transform, x, y) for x, y in points), strict=True)
         longitudes, latitudes = warp(crs, "OGC:CRS84", xs, ys)[:2]
         return [(float(x), float(y)) for x, y in zip(longitudes, latitudes, strict=True)]
 
@@ -48,13 +47,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands whose time is known, and their times [s].
-
-    Raises
-    ------
-    InputError
-        Fewer than three bands have known, different times.
-    """
+    """0-based bands whose time is known, and their times [s]; an InputError where fewer than three times differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if len({t for _, t in known}) < 3:
         raise InputError(

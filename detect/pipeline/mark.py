@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
@@ -18,17 +17,18 @@ from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
 from .. import sea
+from ..arrays import Array, Int64
 from ..objects import Move, Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
-from ..threshold import Tail, Threshold, from_quantile
+from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .chips import write_chips
 from .ground import distance_and_bearing, motions, to_wgs84
 from .plan import Plan, Progress
 from .recipe import Outputs
 from .vectors import write_features
 
-Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[Any]]
+Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
 CANDIDATES = 0.04
 """Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
@@ -40,10 +40,9 @@ _ROUND = 1.3
 
 def joined(parts: Sequence[Places]) -> Places:
     """Pixels of all tiles, in row-major order."""
-    if not parts:
-        nothing = np.zeros(0, np.int64)
-        return nothing, nothing, np.zeros(0, np.float32)
-    rows, columns, scores = (np.concatenate(part) for part in zip(*parts, strict=True))
+    nothing = np.zeros(0, np.int64)
+    start = (nothing, nothing, np.zeros(0, np.float32))
+    rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
 
@@ -59,7 +58,7 @@ class Rated:
 
 
 class Marker:
-    """Find the threshold of a scored sea, and mark objects in the scores of any detector.
+    """Find the threshold of scores, and mark objects.
 
     `scores` is the written score raster, open for reading; `tail` holds the highest scores; `beside` the pixels of the
     sea that are attached to land, by their class: ALONGSIDE or ATTACHED of `detect.sea.region`.
@@ -77,15 +76,21 @@ class Marker:
         self._strata = 2 if len(self._beside[0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold of the sea, from the clutter: the scores without the confirmed objects."""
-        recipe, clutter = self._plan.recipe, self._clutter
+        """Threshold for the requested rate; on the sea from the clutter, the scores without the confirmed objects."""
+        recipe, law, tail = self._plan.recipe, self._plan.law, self._tail
+        pfa = float(recipe.pfa or 0)
+        if recipe.threshold in ("chi2", "f") and law:
+            found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
+            return found.measured(tail.above(found.value), tail.n)
+        if self._plan.sea is None:
+            return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
+        clutter = self._clutter
         if recipe.false_per_km2 is not None:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
             notes = () if clutter.fitted else ("too few candidates to fit a law to their peaks: their ranks are used",)
             return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
-        pfa = float(recipe.pfa or 0)
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property
@@ -144,7 +149,8 @@ class Marker:
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
-        for rank, o in enumerate(sorted(beside, key=_likeness, reverse=True), start=1):
+        beside.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
+        for rank, o in enumerate(beside, start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
                 rated.append(Rated(o, "alongside", rate, math.nan))
@@ -172,12 +178,6 @@ class Marker:
         if progress:
             progress("objects", 1, 1)
         return len(rated)
-
-
-def _likeness(found: Object) -> float:
-    """Likeness to a ship of an object attached to land; see `detect.sea.region.likeness`."""
-    length, width, _ = rectangle(found.footprint)
-    return likeness(found.size, found.size / (length * width))
 
 
 def _described(rated: Rated, move: Move | None) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
@@ -21,12 +20,12 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from .. import sea
+from ..arrays import Mask
 from ..background import Background
 from ..local import CELL, WindowRule
 from ..rx import Detector
 from .recipe import WINDOW, Recipe
 
-Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 SEA_TILE = 1024
 """Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""
@@ -104,6 +103,11 @@ class Plan:
         return len(self.bands), outer * outer - inner * inner
 
     @property
+    def halo(self) -> int:
+        """Margin around a tile that its scores depend on [pixel]."""
+        return self.rule.halo if self.rule else self.sea.halo if self.sea else 0
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the bands in use."""
         return tuple(self.scene.names[b] for b in self.bands)
@@ -146,7 +150,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
     rule = search = None
     if recipe.method == "local":
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = WindowRule(*recipe.window, recipe.border, (scene.height, scene.width), recipe.ddof, ridge)
+        rule = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
         shape = _local_shape(shape, scene, threads)
     elif recipe.method == "sea":
         search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)
@@ -226,8 +230,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    roles: Roles = look.roles
-    return Masking(None, look.water, role_bands(roles))
+    return Masking(None, look.water, role_bands(look.roles))
 
 
 def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from deglint.checks import checked_keywords
+from deglint.checks import check_choice, checked_keywords
 from deglint.errors import InputError
 
 from ..background import RIDGE, check_rule
@@ -85,8 +85,7 @@ class Recipe:
         for name, known in (
             ("method", ("auto", *METHODS)), ("threshold", THRESHOLDS), ("side", ("auto", *SIDES)), ("border", BORDERS),
         ):  # fmt: skip
-            if getattr(self, name) not in known:
-                raise InputError(f"{name} {getattr(self, name)!r} is not one of {', '.join(known)}.")
+            check_choice(getattr(self, name), list(known), name)
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
@@ -127,31 +126,16 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 @dataclass(frozen=True)
 class Outputs:
-    """Paths of the results.
+    """Files to write, and how."""
 
-    Attributes
-    ----------
-    image : Path
-        The scores; the sidecar is `image` with ".json" appended.
-    p_value, flags, objects, background : Path, optional
-        Raster of p-values, raster of `detect.pipeline.scoring.MEANINGS`, detected objects as GeoJSON, the fitted
-        background.
-    overwrite : bool
-        Replace existing files.
-    options : mapping
-        GDAL creation options.
-    chips : Path, optional
-        Folder for the pictures of the objects.
-    """
-
-    image: Path
-    p_value: Path | None = None
-    flags: Path | None = None
-    objects: Path | None = None
-    background: Path | None = None
-    overwrite: bool = False
-    options: Mapping[str, str] = field(default_factory=dict)
-    chips: Path | None = None
+    image: Path  # the scores; the sidecar is this with ".json" appended
+    p_value: Path | None = None  # raster of p-values
+    flags: Path | None = None  # raster of `detect.pipeline.scoring.MEANINGS`
+    objects: Path | None = None  # detected objects, GeoJSON or GeoPackage
+    background: Path | None = None  # the fitted background
+    overwrite: bool = False  # replace existing files
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
+    chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
         """Check that the recipe produces the requested outputs."""

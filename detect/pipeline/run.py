@@ -6,7 +6,7 @@ import logging
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,6 @@ from deglint.tiles import default_threads
 from deglint.timing import Reporter
 
 from .. import sea
-from .. import threshold as cutting
 from ..background import Background
 from ..lines import LineScorer
 from ..threshold import Tail, Threshold
@@ -67,7 +66,7 @@ class Result:
     background: Background | None
     threshold: Threshold | None
     objects: int | None
-    sidecar: dict[str, Any] = field(repr=False)
+    sidecar: dict[str, Any]
 
     def __repr__(self) -> str:
         cut = "" if self.threshold is None else f", {self.threshold}"
@@ -132,9 +131,7 @@ def score_file(
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
 
 
-def _check_files(
-    source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str
-) -> list[str]:  # fmt: skip
+def _check_files(source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str) -> list[str]:
     """Check that no output is also an input, or exists without `overwrite`; return the files of the input."""
     from deglint.readers.stac import files_of
 
@@ -181,7 +178,7 @@ def _run(
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
                 marker = Marker(plan, targets, scores, tail, beside)
-                threshold = marker.threshold() if plan.sea else _threshold(plan, tail)
+                threshold = marker.threshold()
                 found = marker.write(threshold, scratch, progress)
             log.info("%s", threshold)
         if targets.background and plan.background:
@@ -200,16 +197,6 @@ def _run(
     marked = "" if found is None else f", {found} objects"
     log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, tally.scored, tally.total, marked, seconds)
     return Result(tally, plan.background, threshold, found, said)
-
-
-def _threshold(plan: Plan, tail: Tail) -> Threshold:
-    """Threshold for the requested false-alarm rate, with the observed rate."""
-    recipe, law = plan.recipe, plan.law
-    pfa = float(recipe.pfa or 0)
-    if recipe.threshold in ("chi2", "f") and law:
-        found = cutting.from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else cutting.from_f(pfa, *law)
-        return found.measured(tail.above(found.value), tail.n)
-    return (cutting.from_quantile if recipe.threshold == "empirical" else cutting.from_tail)(tail, pfa)
 
 
 def _write_tiles(

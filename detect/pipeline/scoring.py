@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.tiles import Tile
 
 from .. import sea
 from .. import threshold as cutting
+from ..arrays import Array, Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
@@ -21,7 +21,6 @@ from .fit import read_nir, read_sea
 from .mark import Places
 from .plan import Plan, SeaPlan
 
-Mask = npt.NDArray[np.bool_]
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
 ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
 MEANINGS = {
@@ -58,11 +57,11 @@ class PixelCounts:
 class Scored:
     """One scored tile."""
 
-    scores: npt.NDArray[np.float32]
+    scores: Float32
     tally: PixelCounts
     tail: Tail | None = None
-    p_values: npt.NDArray[np.float32] | None = None
-    flags: npt.NDArray[np.uint8] | None = None
+    p_values: Float32 | None = None
+    flags: Uint8 | None = None
     beside: dict[int, Places] = field(default_factory=dict)
 
 
@@ -73,7 +72,7 @@ class Highest:
         self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
         self.floor = -np.inf
 
-    def of(self, scores: npt.NDArray[np.float32]) -> Tail:
+    def of(self, scores: Float32) -> Tail:
         """Tail of a tile, without scores below `floor`."""
         valid = int(np.count_nonzero(np.isfinite(scores)))
         return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
@@ -105,14 +104,18 @@ class Scoring:
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
-        plan, states = self.plan, None
+        plan = self.plan
         if plan.sea is not None:
             return self._of_sea(tile, plan.sea)
+        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
+        block = plan.scene.source.read(outer.window, list(plan.bands))
+        mask = plan.mask.read(plan.scene, outer)
+        states = None
         if plan.rule is not None:
-            scores, block, mask, states = self._of_rings(tile)
+            states = np.zeros(tile.shape, np.uint8)
+            scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
+            block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
         else:
-            mask = plan.mask.read(plan.scene, tile)
-            block = plan.scene.source.read(tile.window, list(plan.bands))
             scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
         tail = self.highest.of(found) if self.highest else None
@@ -124,22 +127,10 @@ class Scoring:
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
             if states is not None:
                 marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
-            flags = _flags(np.isfinite(block).all(axis=0), marks)
+            flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_rings(self, tile: Tile) -> tuple[npt.NDArray[Any], npt.NDArray[Any], Any, npt.NDArray[np.uint8]]:
-        """Scores of local RX, and the pixels, mask and states (`detect.local.STATES`) of the tile."""
-        plan = self.plan
-        assert plan.rule is not None
-        outer = tile.grown(plan.rule.halo, plan.scene.height, plan.scene.width)
-        mask = plan.mask.read(plan.scene, outer)
-        states = np.zeros(tile.shape, np.uint8)
-        block = plan.scene.source.read(outer.window, list(plan.bands))
-        scores = score_part(block, plan.rule, (outer.row0, outer.col0), tile.window, mask, flags=states)
-        core = tile.within(outer)
-        return scores, block[core], None if mask is None else mask[core], states
-
-    def _of_lines(self, block: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.float32]:
+    def _of_lines(self, block: Array, mask: Mask | None) -> Float32:
         """Scores line by line, on one thread: the statistics depend on the order of the lines."""
         assert self.lines is not None
         if mask is not None:
@@ -150,15 +141,14 @@ class Scoring:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
         assert search.model is not None
-        outer = tile.grown(search.halo, plan.scene.height, plan.scene.width)
+        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         block, classes = read_sea(plan, search, outer)
         core = tile.within(outer)
         nir = read_nir(plan, search, outer) if search.model.glint is not None else None
         scores = sea.score(block, classes, search.model, nir)[core]
-        classes, valid = classes[core], np.isfinite(block[core]).all(axis=0)
-        tail = None
-        if self.highest is not None:
-            tail = self.highest.of(np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores))
+        classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
+        afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
+        tail = self.highest.of(afloat) if self.highest else None
         flags = None
         if self.want_flags:
             bits = {
@@ -166,9 +156,7 @@ class Scoring:
                 sea.ALONGSIDE: BESIDE_LAND,
             }  # fmt: skip
             flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in bits.items()])
-        tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-        tally.not_valid = int(np.count_nonzero(~valid))
-        tally.masked_out = tally.total - tally.scored - tally.not_valid
+        tally = _count(scores, np.isfinite(scores) | ~valid, None)
         beside = {}
         for which in (sea.ALONGSIDE, sea.ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
@@ -176,7 +164,7 @@ class Scoring:
         return Scored(scores, tally, tail, None, flags, beside)
 
 
-def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> npt.NDArray[np.uint8]:
+def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
     """Flag raster: `NOT_VALID` where not valid, and the bit of every mark where the mark is True."""
     flags = np.where(valid, 0, NOT_VALID).astype(np.uint8)
     for where, bit in marks:
@@ -184,7 +172,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> npt.NDArray[np.uin
     return flags
 
 
-def _count(scores: npt.NDArray[np.float32], mask: Any, states: Any) -> PixelCounts:
+def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
     """Counts of the pixels of a tile: scored, masked out, not valid, and by state of local RX."""
     tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
     tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))

@@ -12,34 +12,26 @@ from deglint.raster.output import Scratch, write_json, write_text
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write features as GeoJSON, or for the extension .gpkg as GeoPackage with a QGIS style file (.qml) beside it."""
+    """Write features as GeoJSON, or for the extension .gpkg as GeoPackage with a QGIS style file (.qml) beside it.
+
+    A GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude where
+    `geographic`, else pixels.
+    """
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
     place = scratch.add(path)
     place.unlink(missing_ok=True)
-    _write_geopackage(place, document, geographic=geographic)
-    write_text(scratch, path.with_suffix(".qml"), _data("objects.qml"))
-
-
-def _data(name: str) -> str:
-    """Content of a data file of this package."""
-    return files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
-
-
-def _write_geopackage(path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write polygons as a new GeoPackage (OGC 12-128r19) with one layer, `objects`.
-
-    Coordinates are longitude and latitude where `geographic`, else pixels.
-    """
+    sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
+    write_text(scratch, path.with_suffix(".qml"), style)
     rows = [row["properties"] for row in document["features"]]
     columns = {k: _sql_type(v) for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
     shapes = [_polygons(feature["geometry"]) for feature in document["features"]]
     boxes = [_box(polygons) for polygons in shapes]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
-    with sqlite3.connect(path) as db:
-        db.executescript(_data("geopackage.sql"))
+    with sqlite3.connect(place) as db:
+        db.executescript(sql)
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
         db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
         db.execute(

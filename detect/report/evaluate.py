@@ -9,20 +9,19 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
+from deglint.readers.grid import at
 from deglint.readers.place import ground_area
 
+from ..arrays import Array
 from ..objects import Object
 from ..roc.bootstrap import Bands, bootstrap, default_grid
-from ..roc.curve import Roc
+from ..roc.curve import OperatingPoint, Roc
 from ..roc.delong import auc_interval, compare
-from ..roc.per_object import ObjectCurve, count_false_alarms, false_alarms, object_curve
+from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, object_curve
 from .inputs import Inputs, read_inputs
 
-RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-"""False-alarm rates of the operating points; rates below one pixel of background are left out."""
 _WORST = 8
 _CURVE_POINTS = 400
 
@@ -48,13 +47,13 @@ class Judged:
     """One detector: its scores, its ROC curve, and the results."""
 
     name: str
-    scores: npt.NDArray[Any]
+    scores: Array
     roc: Roc
     numbers: dict[str, Any]
     bands: Bands | None
     objects: ObjectCurve | None
     worst: tuple[Object, ...]
-    worst_threshold: float
+    worst_at: OperatingPoint  # threshold that the worst false alarms exceed
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
-def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request, area: float | None) -> Judged:
+def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: float | None) -> Judged:
     """Evaluate one detector; `area` is that of a pixel [m2]."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
@@ -116,8 +115,8 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
     square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
-    threshold = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0)).threshold
-    worst = false_alarms(scores, inputs.objects, threshold, inputs.valid)[:_WORST]
+    worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
+    worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
         "operating_points": [_point(roc, r, bands, sign) for r in rates],
         "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
@@ -126,7 +125,7 @@ def _judge(name: str, scores: npt.NDArray[Any], inputs: Inputs, request: Request
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
         numbers["objects"] = _objects(found, sign, square_km)
-    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), threshold)
+    return Judged(name, scores, roc, numbers, bands, found, tuple(worst), worst_at)
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
@@ -161,7 +160,7 @@ def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str,
 
 
 def _called(
-    threshold: float, scores: npt.NDArray[Any], found: ObjectCurve, inputs: Inputs, square_km: float | None
+    threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float | None
 ) -> dict[str, Any]:
     """Objects found and false alarms at a threshold."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
@@ -190,10 +189,8 @@ def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
     """Position and score of a false alarm."""
     row, column = found.centroid
     out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
-    t = inputs.grid.transform
-    if t is not None:
-        x, y = column + 0.5, row + 0.5
-        out |= {"x": t.a * x + t.b * y + t.c, "y": t.d * x + t.e * y + t.f}
+    if inputs.grid.transform is not None:
+        out["x"], out["y"] = at(inputs.grid.transform, column + 0.5, row + 0.5)
     return out
 
 

@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.pipeline.overview import raster_of
@@ -18,6 +16,7 @@ from deglint.readers.areas import open_area, polygons
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
+from ..arrays import Array, Int32, Mask
 from ..objects import label
 from ..roc import number_objects
 
@@ -34,9 +33,9 @@ class Inputs:
     """
 
     names: tuple[str, ...]
-    scores: tuple[npt.NDArray[Any], ...]
-    objects: npt.NDArray[np.int32]
-    valid: npt.NDArray[np.bool_]
+    scores: tuple[Array, ...]
+    objects: Int32
+    valid: Mask
     left_out: dict[str, int]
     grid: Scene
     notes: tuple[str, ...]
@@ -51,21 +50,19 @@ def read_inputs(
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
         _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
     marks, known = _truth(truth, scenes[0], scores[0], notes)
-    arrays = [_first_band(scene, path, notes) for scene, path in zip(scenes, scores, strict=True)]
-    left_out = {}
-    valid = known
-    if not known.all():
-        left_out["not valid in the truth"] = int(np.count_nonzero(~known))
+    for path, scene in zip(scores, scenes, strict=True):
+        if len(scene.bands) > 1:
+            notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+    arrays = [_first_band(scene) for scene in scenes]
     names = _names(scores)
-    for array, name in zip(arrays, names, strict=True):
-        ok = ~np.isnan(array)
-        if not ok.all():
-            left_out[f"not valid, or not finite, in {name}"] = int(np.count_nonzero(~ok))
-            valid = valid & ok
+    reasons = {"not valid in the truth": known}
+    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
+    reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
     if mask is not None:
-        inside = open_area(mask, scenes[0], "--mask").read(((0, scenes[0].height), (0, scenes[0].width)))
-        left_out["outside the mask"] = int(np.count_nonzero(~inside))
-        valid = valid & inside
+        whole = (0, scenes[0].height), (0, scenes[0].width)
+        reasons["outside the mask"] = open_area(mask, scenes[0], "--mask").read(whole)
+    left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
+    valid = np.logical_and.reduce([known, *reasons.values()])
     turned = tuple(-array for array in arrays) if lower else tuple(arrays)
     objects = number_objects(marks, connected=connected)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
@@ -75,15 +72,13 @@ def read_inputs(
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
-def _first_band(scene: Scene, path: str, notes: list[str]) -> npt.NDArray[Any]:
-    """Scores of a scene; a note where it has more bands."""
-    if len(scene.bands) > 1:
-        notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+def _first_band(scene: Scene) -> Array:
+    """The first band of a scene, (row, column)."""
     with raster_of(scene) as source:
         return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
 
 
-def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
     """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
@@ -95,13 +90,12 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[npt.N
     if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
         scene = open_scene(path, nodata="none")
-    with raster_of(scene) as source:
-        marks = source.read(((0, scene.height), (0, scene.width)), [0])[0]
+    marks = _first_band(scene)
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
 
 
-def _drawn(path: str, grid: Scene, notes: list[str]) -> npt.NDArray[np.int32]:
+def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     """Features of a GeoJSON file drawn with their numbers, from 1; a pixel is in where its centre is."""
     document = read_json(path, "TRUTH")
     given = document.get("features")

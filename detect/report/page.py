@@ -10,15 +10,13 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
-
 from deglint import __version__
 from deglint.checksum import Checksum
 from deglint.pipeline.outputs import versions
 from deglint.shown import shown
 
 from . import plots
-from .evaluate import Evaluation, Judged, Request
+from .evaluate import Evaluation, Request
 
 MOST_ROWS = 200
 """Objects listed on the page."""
@@ -41,7 +39,7 @@ def page(found: Evaluation, made: Mapping[str, Any]) -> str:
         drawn["objects"] = plots.as_uri(plots.object_curves(found))
     places = [
         (d.name, plots.as_uri(plots.scene(d, found), "png"),
-         plots.as_uri(plots.chips(d, found), "png") if d.worst else "", f"{_level(d):.3g}")
+         plots.as_uri(plots.chips(d, found), "png") if d.worst else "", f"{d.worst_at.pfa:.3g}")
         for d in found.detectors
     ]  # fmt: skip
     return render(
@@ -82,12 +80,6 @@ def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
         rows.append([str(o.number), str(o.size), f"{(col0 + col1 - 1) / 2:g}, {(row0 + row1 - 1) / 2:g}",
                      *(f"{s[o.number].pfa:.3g} ({sign * s[o.number].score_max:.5g})" for s in scored)])  # fmt: skip
     return ["object", "pixels", "column, row", *(d.name for d in found.detectors)], rows
-
-
-def _level(d: Judged) -> float:
-    """The Pfa at which false alarms are shown."""
-    background = d.roc.background
-    return float(len(background) - np.searchsorted(background, d.worst_threshold, "right")) / len(background)
 
 
 def lead(numbers: dict[str, Any]) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 from base64 import b64encode
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from ..arrays import Array, Mask
 from .evaluate import Evaluation, Judged
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def object_curves(found: Evaluation) -> Figure:
     return figure
 
 
-def shrink(scores: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], int]:
+def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
     """Reduce scores for display; returns them, and the side of a cell [pixel].
 
     A cell has the highest of its scores, so that small targets remain visible; NaN where none is valid.
@@ -121,7 +121,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{sign * value:.4g}")
     for target in () if d.objects is None else d.objects.objects:
         (top, bottom), (left, right) = target.bounds
-        style = "-" if target.score_max > d.worst_threshold else "--"
+        style = "-" if target.score_max > d.worst_at.threshold else "--"
         ax.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor="w", linestyle=style))
     for number, alarm in enumerate(d.worst, start=1):
         row, column = alarm.centroid

@@ -23,7 +23,8 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from .curve import Float64, Mask, Roc, Scores, usable
+from ..arrays import Array, Float64, Mask
+from .curve import Roc, usable
 
 _LEVELS = 1024
 _FEW_OBJECTS = 10
@@ -36,37 +37,20 @@ _DENSE = 1 << 23
 class Bands:
     """Percentile intervals from resampling.
 
-    Attributes
-    ----------
-    pfa : (points,) ndarray
-        Where the curve was looked at.
-    low, high : (points,) ndarray
-        Interval of Pd there, each point by itself.
-    auc : (float, float)
-        Interval of the area.
-    auc_error : float
-        Standard deviation of the area over the draws.
-    areas : (draws,) ndarray
-        The area of every draw. Detectors scored on the same pixels are drawn alike by one seed, so the differences
-        of their areas are paired.
-    level : float
-    draws, seed, block : int
-    objects, blocks : int
-        Independent pieces that were drawn from.
-    notes : tuple of str
+    Detectors scored on the same pixels are drawn alike by one seed, so the differences of their `areas` are paired.
     """
 
-    pfa: Float64
-    low: Float64
+    pfa: Float64  # (points,): where the curve was looked at
+    low: Float64  # (points,): interval of Pd there, each point by itself
     high: Float64
-    auc: tuple[float, float]
-    auc_error: float
-    areas: Float64
+    auc: tuple[float, float]  # interval of the area
+    auc_error: float  # standard deviation of the area over the draws
+    areas: Float64  # (draws,)
     level: float
     draws: int
     seed: int
-    block: int
-    objects: int
+    block: int  # side [pixel]
+    objects: int  # independent pieces that were drawn from
     blocks: int
     notes: tuple[str, ...]
 
@@ -77,8 +61,8 @@ def default_block(height: int, width: int) -> int:
 
 
 def bootstrap(
-    scores: Scores,
-    objects: npt.NDArray[Any],
+    scores: Array,
+    objects: Array,
     valid: Mask | None = None,
     *,
     draws: int = 1000,
@@ -148,7 +132,7 @@ def _notes(objects: int, blocks: int) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _levels(roc: Roc) -> Scores:
+def _levels(roc: Roc) -> Array:
     """Ascending edges between which scores are counted.
 
     Target scores, each followed by the next number so that what is equal to it is counted apart, and background
@@ -164,7 +148,7 @@ def _levels(roc: Roc) -> Scores:
     return np.unique(np.concatenate([distinct, np.nextafter(distinct, up), chosen, np.nextafter(chosen, up)]))
 
 
-def _count(scores: Scores, objects: npt.NDArray[Any], ok: Mask, levels: Scores, block: int) -> tuple[Any, Any]:
+def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
     """Scores of each object, and of each block's background, between the levels: (pieces, bins)."""
     from scipy.sparse import coo_array, csr_array, vstack
 

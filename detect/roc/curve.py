@@ -19,32 +19,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
-Scores = npt.NDArray[Any]
-Float64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from ..arrays import Array, Float64, Int64, Mask
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Detection at a threshold: scores greater than it are detected.
+    """Detection at a threshold: scores greater than it are detected."""
 
-    Attributes
-    ----------
-    pfa_designed : float
-        The most that was allowed.
-    threshold : float
-    pfa, pd : float
-        Fractions of background and target pixels that are detected.
-    """
-
-    pfa_designed: float
+    pfa_designed: float  # the most that was allowed
     threshold: float
-    pfa: float
-    pd: float
+    pfa: float  # fraction of background pixels that are detected
+    pd: float  # fraction of target pixels that are detected
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +53,12 @@ class Roc:
     (0.75, 0.5)
     """
 
-    targets: Scores
-    background: Scores
+    targets: Array
+    background: Array
     left_out: int = 0
 
     @classmethod
-    def of(cls, scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Roc:
+    def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Roc:
         """The curve of scores against truth.
 
         Parameters
@@ -98,7 +86,7 @@ class Roc:
         return cls(targets, background, left_out)
 
     @cached_property
-    def _steps(self) -> tuple[Scores, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
         """Distinct target scores ascending, how often each is, and background below and up to it."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
@@ -218,14 +206,8 @@ class Roc:
         return out | {"snpr": d / f if f > 0 else math.inf}
 
 
-def usable(scores: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Mask:
-    """Which pixels count: neither score nor truth is NaN, and `valid` allows them.
-
-    Raises
-    ------
-    InputError
-        Shapes differ.
-    """
+def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
+    """Which pixels count: neither score nor truth is NaN, and `valid` allows them. All are of one shape."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")
@@ -242,7 +224,7 @@ def _check_pfa(pfa: float) -> None:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
 
 
-def _check(targets: Scores, background: Scores, left_out: int) -> None:
+def _check(targets: Array, background: Array, left_out: int) -> None:
     """Check that scores give a curve."""
     aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
     if not len(targets) + len(background):

@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from .curve import Float64, Mask, Roc, Scores, usable
+from ..arrays import Array, Float64, Mask
+from .curve import Roc, usable
 
 _Z = 1.959963984540054
 """Half-width of a normal interval of 95 % in standard errors."""
@@ -38,31 +37,17 @@ class AucInterval:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Difference of two areas on the same pixels.
-
-    Attributes
-    ----------
-    auc : (float, float)
-    difference : float
-        First less second.
-    standard_error, z, p : float
-        Of the difference; p is two-sided. z is NaN, and p 1, where the standard error is 0 and the areas are equal.
-    low, high : float
-        Interval of the difference.
-    level : float
-    pixels : int
-        Valid in both.
-    """
+    """Difference of two areas on the same pixels, the first less the second, with its interval."""
 
     auc: tuple[float, float]
     difference: float
     standard_error: float
-    z: float
-    p: float
+    z: float  # NaN where the standard error is 0 and the areas are equal
+    p: float  # two-sided; 1 there
     low: float
     high: float
     level: float = 0.95
-    pixels: int = 0
+    pixels: int = 0  # valid in both
 
 
 def auc_interval(roc: Roc) -> AucInterval:
@@ -71,7 +56,7 @@ def auc_interval(roc: Roc) -> AucInterval:
     return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 
 
-def compare(first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask | None = None) -> Comparison:
+def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
     """DeLong's paired test of two detectors on the same pixels.
 
     Parameters
@@ -106,7 +91,7 @@ def compare(first: Scores, second: Scores, truth: npt.NDArray[Any], valid: Mask 
     return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
 
 
-def _components(targets: Scores, background: Scores, roc: Roc) -> tuple[Float64, Float64]:
+def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:
     """Fraction of the background below each target, and of the targets above each background pixel, ties as halves."""
     below, at_least = (
         (np.searchsorted(others, own, "left") + np.searchsorted(others, own, "right")) / (2 * len(others))

@@ -8,72 +8,43 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from ..arrays import Array, Float64, Int32, Int64, Mask
 from ..objects import Object, find, label
-from .curve import Float64, Mask, Roc, Scores, usable
+from .curve import Roc, usable
 
+RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""False-alarm rates of the operating points; rates below one pixel of background are left out."""
 _MOST_THRESHOLDS = 40
 
 
 @dataclass(frozen=True)
 class ObjectScore:
-    """Score of an object of the truth.
+    """Score of an object of the truth."""
 
-    Attributes
-    ----------
-    number : int
-        In the truth.
-    size : int
-        Valid pixels.
-    left_out : int
-        Its pixels that are not valid.
-    score_max, score_mean : float
-    pfa : float
-        The least pixel Pfa at which it is found: background that scores at least as high.
-    bounds : ((row0, row1), (col0, col1))
-    """
-
-    number: int
-    size: int
-    left_out: int
+    number: int  # in the truth
+    size: int  # valid pixels
+    left_out: int  # pixels that are not valid
     score_max: float
     score_mean: float
-    pfa: float
-    bounds: tuple[tuple[int, int], tuple[int, int]]
+    pfa: float  # least pixel Pfa at which it is found: background that scores at least as high
+    bounds: tuple[tuple[int, int], tuple[int, int]]  # ((row0, row1), (col0, col1))
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectCurve:
-    """Objects found against false alarms, as the threshold falls.
+    """Objects found against false alarms, as the threshold falls."""
 
-    Attributes
-    ----------
-    objects : tuple of ObjectScore
-        The highest score first; those without a valid pixel are not among them.
-    unseen : tuple of int
-        Numbers of the objects without a valid pixel: nobody could have found them, and they are not counted.
-    thresholds : (steps,) ndarray
-        Descending; detected is what is not less.
-    found : (steps,) ndarray of int
-        Objects.
-    false_alarms : (steps,) ndarray of int
-        Connected parts that touch no object.
-    pfa : (steps,) ndarray
-        Pixel Pfa.
-    """
-
-    objects: tuple[ObjectScore, ...]
-    unseen: tuple[int, ...]
-    thresholds: Float64
-    found: npt.NDArray[np.int64]
-    false_alarms: npt.NDArray[np.int64]
-    pfa: Float64
+    objects: tuple[ObjectScore, ...]  # the highest score first; those without a valid pixel are not among them
+    unseen: tuple[int, ...]  # numbers of the objects without a valid pixel: they cannot be found, and are not counted
+    thresholds: Float64  # (steps,), descending; detected is what is not less
+    found: Int64  # (steps,): objects
+    false_alarms: Int64  # (steps,): connected parts that touch no object
+    pfa: Float64  # (steps,): of pixels
 
     @property
     def pd(self) -> Float64:
@@ -81,7 +52,7 @@ class ObjectCurve:
         return np.asarray(self.found / len(self.objects))
 
 
-def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.NDArray[np.int32]:
+def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
 
     Parameters
@@ -97,8 +68,7 @@ def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.N
         Numbers are not whole, or have more than 32 bits.
     """
     truth = np.asarray(truth)
-    values = truth[np.isfinite(truth) & (truth != 0)] if truth.dtype.kind == "f" else truth[truth != 0]
-    names = np.unique(values)
+    names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
         return label(np.isin(truth, names))
     if truth.dtype.kind == "f" and (names != np.rint(names)).any():
@@ -116,7 +86,7 @@ def number_objects(truth: npt.NDArray[Any], *, connected: bool = False) -> npt.N
 
 
 def object_curve(
-    scores: Scores, objects: npt.NDArray[Any], roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
+    scores: Array, objects: Array, roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
 ) -> ObjectCurve:
     """Scores of all objects, and number found against false alarms.
 
@@ -159,9 +129,7 @@ def object_curve(
     )
 
 
-def false_alarms(
-    scores: Scores, objects: npt.NDArray[Any], threshold: float, valid: Mask | None = None
-) -> list[Object]:
+def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | None = None) -> list[Object]:
     """Connected parts above a threshold that touch no object, the highest score first."""
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
@@ -170,24 +138,24 @@ def false_alarms(
 
 def _limits(roc: Roc, pfa_max: float) -> Float64:
     """Thresholds at round values of Pfa, so that the curve goes on where no object is found."""
-    rates = [r for r in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1) if 1 / len(roc.background) <= r <= pfa_max]
+    rates = [r for r in RATES if 1 / len(roc.background) <= r <= pfa_max]
     limits = np.array([roc.point(r).threshold for r in rates], roc.background.dtype)
     return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 
 
-def count_false_alarms(mask: Mask, objects: npt.NDArray[Any], valid: Mask) -> int:
+def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:
     """Connected parts of a detection mask that touch no object."""
     labels, touched = _parts(mask & valid, objects)
     return int(labels.max(initial=0)) - len(touched)
 
 
-def _parts(mask: Mask, objects: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+def _parts(mask: Mask, objects: Array) -> tuple[Int32, Int32]:
     """Numbers of connected parts, and those that touch an object."""
     labels = label(mask)
     return labels, np.unique(labels[mask & (objects != 0)])
 
 
-def _scored(scores: Scores, objects: npt.NDArray[Any], ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
+def _scored(scores: Array, objects: Array, ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
     """Every object that has a valid pixel."""
     rows, columns = np.nonzero(objects)
     numbers = objects[rows, columns]

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from ..arrays import Array, Float32, Float64, Mask
+
 _CLASSES = 32
 """Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
 _USUAL = 0.75
@@ -30,40 +29,17 @@ _REACH = 3
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Usual score of water in each class of the NIR.
+    """Usual score of water in each class of the NIR."""
 
-    Attributes
-    ----------
-    centre, spread : (band,) ndarray
-        Median and robust standard deviation of the NIR over water.
-    side : int
-        Side of the largest averaging window of the scores [pixel].
-    glint, factor : (class,) ndarray
-        Standardised NIR of each class (see `nearby`), and its usual score relative to that of the scene. The factors
-        do not decrease.
-    """
-
-    centre: npt.NDArray[np.float64]
-    spread: npt.NDArray[np.float64]
-    side: int
-    glint: npt.NDArray[np.float64]
-    factor: npt.NDArray[np.float64]
+    centre: Float64  # (band,): median of the NIR over water
+    spread: Float64  # (band,): robust standard deviation of the NIR over water
+    side: int  # of the largest averaging window of the scores [pixel]
+    glint: Float64  # (class,): standardised NIR, see `nearby`
+    factor: Float64  # (class,): usual score relative to that of the scene; does not decrease
 
     @classmethod
-    def fit(
-        cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[npt.NDArray[np.bool_]], side: int
-    ) -> GlintScale:
-        """Fit the scale to blocks of a scene.
-
-        Parameters
-        ----------
-        nir : sequence of (band, row, column) ndarray
-        scores : sequence of (row, column) ndarray
-        water : sequence of (row, column) ndarray of bool
-            Pixels to fit to.
-        side : int
-            Side of the largest averaging window of the scores [pixel].
-        """
+    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
+        """Fit the scale to the NIR, (band, row, column), and the scores of the water of blocks of a scene."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         values = np.nan_to_num(values)
         centre = np.median(values, axis=1)
@@ -86,7 +62,7 @@ class GlintScale:
             centre, spread, side, middle, np.minimum(factor, factor[int(_LAST_FACTOR * (len(factor) - 1) + 0.5)])
         )
 
-    def nearby(self, nir: Array) -> npt.NDArray[np.float32]:
+    def nearby(self, nir: Array) -> Float32:
         """Local maximum of the NIR [standard deviation], averaged over the window of the scores; (row, column)."""
         import cv2
 
@@ -97,6 +73,6 @@ class GlintScale:
         highest = cv2.dilate(standard.max(axis=0).astype(np.float32), np.ones((_REACH, _REACH), np.uint8))
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
-    def even(self, scores: Array, nir: Array) -> npt.NDArray[np.float32]:
+    def even(self, scores: Array, nir: Array) -> Float32:
         """Scores divided by the usual score of water with the same NIR; (row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)

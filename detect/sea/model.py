@@ -18,16 +18,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from deglint.errors import InputError, NoWaterError
+from deglint.checks import check_choice
+from deglint.errors import NoWaterError
 from deglint.morphology import grown
 
+from ..arrays import Array, Float32, Float64
 from ..covariance import whitener
 from .glint import GlintScale
 from .region import ALONGSIDE, RIM, WATER, Classes
 
-Array = npt.NDArray[Any]
 SIDES = ("bright", "both")
 """Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
 SEA_WINDOW = 51
@@ -54,38 +54,18 @@ _RARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class SeaModel:
-    """Statistics of the water of a scene; the same for every block.
+    """Statistics of the water of a scene; the same for every block."""
 
-    Attributes
-    ----------
-    centre, spread : (band,) ndarray
-        Median and robust standard deviation of water [unit of the image].
-    variance : (scale, band) ndarray
-        Variance of water about its local mean [spread squared].
-    whiteners : tuple of (rank, band) ndarray
-        Whitening matrix of the correlation at each scale (`detect.covariance.whitener`).
-    middle, rare : (scale,) ndarray
-        Median and 99.9 % quantile of the distance at each scale.
-    q90 : float
-        90 % quantile of the score over water.
-    scales : tuple of int
-        Sides of the averaging windows [pixel].
-    side : str
-        One of `SIDES`.
-    glint : GlintScale, optional
-        Usual score by NIR, where the NIR was given.
-    """
-
-    centre: npt.NDArray[np.float64]
-    spread: npt.NDArray[np.float64]
-    variance: npt.NDArray[np.float64]
-    whiteners: tuple[npt.NDArray[np.float64], ...]
-    middle: npt.NDArray[np.float64]
-    rare: npt.NDArray[np.float64]
-    q90: float
-    scales: tuple[int, ...] = SCALES
-    side: str = "bright"
-    glint: GlintScale | None = None
+    centre: Float64  # (band,): median of water [unit of the image]
+    spread: Float64  # (band,): robust standard deviation of water [unit of the image]
+    variance: Float64  # (scale, band): variance of water about its local mean [spread squared]
+    whiteners: tuple[Float64, ...]  # (rank, band) of every scale: whitens the correlation (`covariance.whitener`)
+    middle: Float64  # (scale,): median of the distance
+    rare: Float64  # (scale,): 99.9 % quantile of the distance
+    q90: float  # 90 % quantile of the score over water
+    scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
+    side: str = "bright"  # one of `SIDES`
+    glint: GlintScale | None = None  # usual score by NIR, where the NIR was given
 
     @property
     def halo(self) -> int:
@@ -104,35 +84,16 @@ def fit(
     blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
     nir: Sequence[Array] = (),
 ) -> SeaModel:  # fmt: skip
-    """Fit the statistics of the water of a scene.
+    """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
-    Parameters
-    ----------
-    blocks : sequence of ((band, row, column) ndarray, (row, column) ndarray of uint8)
-        Parts of the scene, or all of it, and their classes from `region`.
-    pixel : float, optional
-        Side of a pixel [m]. It determines the scales, and `side` where that is not given.
-    side : str, optional
-        One of `SIDES`.
-    nir : sequence of (band, row, column) ndarray
-        Uncorrected NIR of every block. It is not used where a boat fills a pixel: there, the boat determines the NIR.
-
-    Returns
-    -------
-    SeaModel
-
-    Raises
-    ------
-    InputError
-        `side` is not one of `SIDES`.
-    NoWaterError
-        The blocks hold fewer than 100 pixels of water.
+    The side of a `pixel` [m] determines the scales, and `side` (one of `SIDES`) where that is not given. `nir` is the
+    uncorrected NIR of every block, (band, row, column). It is not used where a boat fills a pixel: there, the boat
+    determines the NIR. Fewer than 100 pixels of water are a NoWaterError.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
     scales = _FINE_SCALES if fine else SCALES
-    if side not in SIDES:
-        raise InputError(f"side {side!r} is not one of {', '.join(SIDES)}.")
+    check_choice(side, list(SIDES), "side")
     centre, spread = _robust(blocks)
     bands = len(centre)
     model = SeaModel(
@@ -140,11 +101,10 @@ def fit(
         np.ones(len(scales)), 1.0, scales, side=side,
     )  # fmt: skip
     states = [_State(block, classes, model) for block, classes in blocks]
-    for last in (*(False,) * (_ROUNDS - 1), True):
+    for i in range(_ROUNDS):
+        for state in states if i else ():
+            state.narrow(model)
         model = _learn(states, model)
-        if not last:
-            for state in states:
-                state.narrow(model)
     found = [_combined(s, model) for s in states]
     if fine and len(nir):
         glint = GlintScale.fit(nir, found, [s.open for s in states], scales[-1])
@@ -154,24 +114,11 @@ def fit(
     return replace(model, q90=float(np.quantile(scored, 0.9)))
 
 
-def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> npt.NDArray[np.float32]:
-    """Distance of every pixel of the sea from the water around it.
+def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
+    """Distance of every pixel of the sea from the water around it [standard deviation]; NaN on land and on the rim.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-        The wanted part, with a margin of `model.halo` pixels.
-    classes : (row, column) ndarray of uint8
-        From `region`.
-    model : SeaModel
-        From `fit`.
-    nir : (band, row, column) ndarray, optional
-        The NIR, where `fit` was given it.
-
-    Returns
-    -------
-    (row, column) ndarray of float32
-        Distance [standard deviation]; NaN on land and on the rim.
+    The block and its NIR, (band, row, column), and its classes hold the wanted part and a margin of `model.halo`
+    pixels. The NIR is needed where `fit` was given it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
@@ -208,7 +155,7 @@ class _State:
         total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel at the scene's median, for windows without water
 
-    def standardised(self, variance: npt.NDArray[np.float64]) -> list[Array]:
+    def standardised(self, variance: Float64) -> list[Array]:
         """Standardised contrast z at every scale, (band, row, column), given the variance of the whole sea."""
         mean, count = self.local()
         out = []
@@ -234,7 +181,7 @@ def _sums(values: Array, side: int) -> Array:
     return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
-def _distance(z: Array, white: npt.NDArray[np.float64], side: str) -> npt.NDArray[np.float32]:
+def _distance(z: Array, white: Float64, side: str) -> Float32:
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
     if side == "bright":
@@ -242,7 +189,7 @@ def _distance(z: Array, white: npt.NDArray[np.float64], side: str) -> npt.NDArra
     return np.asarray(d, np.float32)
 
 
-def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[Float64, Float64]:
     """Median and robust standard deviation of water in every band."""
     parts = []
     for block, classes in blocks:
@@ -281,9 +228,9 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
     return replace(model, variance=variance, whiteners=tuple(whiteners), middle=np.array(middle), rare=np.array(rare))
 
 
-def _combined(state: _State, model: SeaModel) -> npt.NDArray[np.float32]:
+def _combined(state: _State, model: SeaModel) -> Float32:
     """Maximum of the normalised distances over the scales, in the unit of the first scale."""
-    best: npt.NDArray[np.float32] | None = None
+    best: Float32 | None = None
     for z, white, middle, rare in zip(
         state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True
     ):

@@ -11,18 +11,16 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
 from .. import pareto
+from ..arrays import Array, Float64
 from ..objects import Object
 from ..threshold import Tail, Threshold, from_tail
 
-Scores = npt.NDArray[Any]
 LOW = 1.5
 """Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
 _CONFIRMED = (9.0, 3.0)
@@ -47,37 +45,19 @@ _MOST_RATE = 1e6
 class Clutter:
     """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
 
-    Attributes
-    ----------
-    tail : Tail
-        Scores of clutter pixels.
-    low : float
-        Score above which candidates are taken.
-    peaks : (objects,) ndarray
-        `score_top` of unconfirmed candidates, ascending.
-    area : float
-        Area of the searched sea [km2]; NaN where the size of a pixel is not known.
-    confirmed, confirmed_pixels : int
-        Number of confirmed objects, and of their pixels.
-    shape, scale : float
-        Parameters of the generalised Pareto distribution of the peaks above `low`, to extrapolate beyond the highest of
-        them; NaN where there are too few peaks, or all are equal.
-    large : (int, float)
-        Number of pixels and peak score from which an object counts as large.
-    large_share : float
-        Fraction of the unconfirmed candidates that have as many pixels.
+    A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
     """
 
-    tail: Tail
-    low: float
-    peaks: npt.NDArray[np.float64]
-    area: float
-    confirmed: int
+    tail: Tail  # scores of clutter pixels
+    low: float  # score above which candidates are taken
+    peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
+    area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
+    confirmed: int  # objects
     confirmed_pixels: int
-    shape: float
+    shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
     scale: float
-    large: tuple[int, float] = (1, math.inf)
-    large_share: float = 1.0
+    large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
+    large_share: float = 1.0  # fraction of the unconfirmed candidates that have as many pixels
 
     @property
     def fitted(self) -> bool:
@@ -107,13 +87,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that is exceeded by the given number of false objects per km2.
-
-        Raises
-        ------
-        InputError
-            The area of the sea is not known, or the number is not positive.
-        """
+        """`score_top` that is exceeded by the given number of false objects per km2."""
         if not false_per_km2 > 0:
             raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
         if not self.area > 0:
@@ -142,22 +116,8 @@ class Clutter:
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
-    Parameters
-    ----------
-    tail : Tail
-        Highest scores of the searched sea.
-    candidates : sequence of Object
-        Connected pixels above `LOW` times `q90`.
-    q90 : float
-        90 % quantile of the score over water.
-    area : float
-        Area of the searched sea [km2].
-    fine : bool
-        Whether pixels are smaller than a boat.
-
-    Returns
-    -------
-    Clutter
+    `tail` holds the highest scores of the searched sea, whose area is in km2. The candidates are connected pixels above
+    `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -180,7 +140,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 
 
-def _without(tail: Tail, taken: Scores) -> Tail:
+def _without(tail: Tail, taken: Array) -> Tail:
     """Remove scores from a tail; each value is removed as often as it is in `taken`."""
     kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
     values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)

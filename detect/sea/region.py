@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.morphology import grown
 
-Mask = npt.NDArray[np.bool_]
-Classes = npt.NDArray[np.uint8]
+from ..arrays import Float64, Mask, Uint8
+
+Classes = Uint8
 NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 """Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
 ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
@@ -50,23 +50,10 @@ _HULL_BLUR = 1.5
 
 @dataclass(frozen=True)
 class SeaRule:
-    """Size of a pixel and of the largest floating object.
+    """Size of a pixel and of the largest floating object; with a length of 0 the water mask is used as it is."""
 
-    Attributes
-    ----------
-    pixel : float
-        Side of a pixel [m].
-    length, width : float
-        Length and width of the largest floating object [m]; with 0 the water mask is used as it is.
-
-    Raises
-    ------
-    InputError
-        The pixel is not above 0 m, or the length is less than the width.
-    """
-
-    pixel: float
-    length: float = LARGEST[0]
+    pixel: float  # side [m]
+    length: float = LARGEST[0]  # of the largest floating object [m]
     width: float = LARGEST[1]
 
     def __post_init__(self) -> None:
@@ -91,20 +78,10 @@ class SeaRule:
 
 
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
-    """Classify pixels as sea, floating object or land.
+    """Classify pixels as NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED; all arrays are (row, column).
 
-    Parameters
-    ----------
-    water : (row, column) ndarray of bool
-        Water mask with holes at floating objects, as `deglint.masks.water` returns it.
-    rule : SeaRule
-    valid : (row, column) ndarray of bool, optional
-        Valid pixels; the others are neither water nor land.
-
-    Returns
-    -------
-    (row, column) ndarray of uint8
-        NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED.
+    The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
+    neither water nor land.
 
     Examples
     --------
@@ -128,13 +105,13 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
     return out
 
 
-def _opened(mask: Mask, window: npt.NDArray[np.uint8]) -> Mask:
+def _opened(mask: Mask, window: Uint8) -> Mask:
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, window).view(np.bool_))
 
 
-def _line(length: float, angle: float) -> npt.NDArray[np.uint8]:
+def _line(length: float, angle: float) -> Uint8:
     """Window in the shape of a line: its length [pixel], and angle clockwise from the image's up direction [degree]."""
     import cv2
 
@@ -154,13 +131,13 @@ def hull(length: float, width: float, size: float) -> bool:
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
-def likeness(size: float, fill: float) -> float:
-    """Likeness to a ship of a part attached to land, from its size [pixel] and the filled fraction of its rectangle.
+def likeness(length: float, width: float, size: float) -> float:
+    """Likeness to a ship of a part attached to land, from its size and the sides of its smallest rectangle [pixel].
 
     A hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not. The cube gives the
     filled fraction more weight than the size.
     """
-    return size * fill**3
+    return size * (size / (length * width)) ** 3
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
@@ -216,7 +193,7 @@ def _continued(around: Mask, own: Mask) -> bool:
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
     angle = math.radians(rectangle(own)[2])
 
-    def along(mask: Mask, angle: float) -> npt.NDArray[np.float64]:
+    def along(mask: Mask, angle: float) -> Float64:
         rows, columns = np.nonzero(mask)
         return columns * math.sin(angle) - rows * math.cos(angle)
 
@@ -252,7 +229,7 @@ def _alongside(land: Mask, rule: SeaRule) -> Mask:
             own = labels[box] == part
             around = wider[y : y + h + 2 * _ATTACHED_WITHIN, x : x + w + 2 * _ATTACHED_WITHIN]
             if (own & beside[box]).any() and not _continued(around, own):
-                found.append((likeness(size, size / (long * across)), box, own))
+                found.append((likeness(long, across, size), box, own))
     chosen, taken = np.zeros_like(land), np.zeros_like(land)
     for _likeness, (rows, columns), own in sorted(found, key=lambda f: -f[0]):
         if not (taken[rows, columns] & own).any():

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
+from ..arrays import Float32
 from ..objects import find, find_among
 from ..threshold import Tail, Threshold
 from .model import SeaModel, fit, score
@@ -35,7 +36,7 @@ class Search:
     model : SeaModel
     """
 
-    scores: npt.NDArray[np.float32]
+    scores: Float32
     classes: Classes
     objects: list[dict[str, Any]]
     threshold: Threshold

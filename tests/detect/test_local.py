@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from deglint.errors import InputError
+from deglint.tiles import Tile
 from detect import local
 from detect.local import BORDERS, CELL, DEFICIENT, TOO_FEW, WindowRule, local_rx, score_part
 
@@ -149,26 +150,21 @@ def test_tiles_are_the_whole_to_the_bit(bands, data):
     border = data.draw(st.sampled_from(BORDERS))
     inner = data.draw(st.sampled_from([1, 3, 5]))
     outer = inner + 2 * data.draw(st.integers(1, 4))
-    cell = CELL
-    size = (cell + 13, cell + 40) if bands == 3 else (cell + 9, 20)
+    size = (CELL + 13, CELL + 40) if bands == 3 else (CELL + 9, 20)
     image = image_of(bands, *size).astype(np.float32)
     image[:, ::7, ::5] = np.nan
     mask = np.random.default_rng(1).random(size) < (0.9 if bands == 3 else 0.05)
     whole_flags = np.zeros(size, np.uint8)
     whole = local_rx(image, inner=inner, outer=outer, border=border, mask=mask, flags=whole_flags)
-    rule = WindowRule(inner, outer, border, size)
-    for row in range(0, size[0], cell):
-        for column in range(0, size[1], cell):
-            part = (row, min(row + cell, size[0])), (column, min(column + cell, size[1]))
-            outside = tuple(
-                slice(max(a - rule.halo, 0), min(b + rule.halo, n)) for (a, b), n in zip(part, size, strict=True)
-            )
-            corner = outside[0].start, outside[1].start
-            flags = np.zeros((part[0][1] - row, part[1][1] - column), np.uint8)
-            tile = score_part(image[(slice(None), *outside)], rule, corner, part, mask[outside], flags=flags)
-            at = (slice(*part[0]), slice(*part[1]))
-            np.testing.assert_array_equal(tile, whole[at])
-            np.testing.assert_array_equal(flags, whole_flags[at])
+    rule = WindowRule(inner, outer, size, border)
+    scene = Tile(0, size[0], 0, size[1])
+    for part in scene.split(CELL):
+        held = part.grown(rule.halo, *size)
+        outside, own = held.within(scene), part.within(scene)
+        flags = np.zeros(part.shape, np.uint8)
+        tile = score_part(image[outside], rule, held, part, mask[outside], flags=flags)
+        np.testing.assert_array_equal(tile, whole[own])
+        np.testing.assert_array_equal(flags, whole_flags[own])
     np.testing.assert_array_equal(local_rx(image, inner=inner, outer=outer, border=border, mask=mask, threads=3), whole)
 
 
