@@ -10,6 +10,7 @@ import logging
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,7 +19,7 @@ import numpy as np
 from .. import __version__
 from ..checks import as_path, check_choice
 from ..compensate.stages import Chain, chain_from
-from ..errors import DeglintError, InputError
+from ..errors import DeglintError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import environment
 from ..readers.text import read_text
@@ -104,6 +105,10 @@ class PixelCounts:
         """Add a tile's counts."""
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
+
+    def by_band(self, name: str, names: Sequence[str]) -> dict[str, Any]:
+        """Counts of each band, by the band's name."""
+        return dict(zip(names, np.broadcast_to(getattr(self, name), len(names)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -191,12 +196,18 @@ def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
     why(notes)
 
 
-def log_water(rule: WaterRule | None, mask: str) -> None:
-    """Log which pixels are corrected."""
-    if rule is not None and rule.has_water:
+def log_water(rule: WaterRule | None, mask: str) -> list[str]:
+    """Log which pixels are corrected; returns the note on the water, if water was looked for.
+
+    Raises NoWaterError: there is none.
+    """
+    if rule is not None:
+        if not rule.has_water:
+            raise NoWaterError(rule.reason)
         log.info("water: %s", rule.reason)
     elif mask != "auto":
         log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
+    return [] if rule is None else [rule.reason]
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
@@ -225,12 +236,7 @@ def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Content of the sidecar, as plain values."""
-    names = scene.names
-
-    def by_band(counts: Any) -> dict[str, Any]:
-        return dict(zip(names, np.broadcast_to(counts, len(names)), strict=True))
-
-    counted = not tally.copied
+    counted, by_band = not tally.copied, partial(tally.by_band, names=scene.names)
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -241,22 +247,25 @@ def sidecar(
         "bands": [asdict(b) for b in scene.bands],
         "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
-        **fitted.numbers,
-        "skipped": _skipped(fitted, names, tally),
+        "water": fitted.water.numbers() if fitted.water else None,
+        "sample": fitted.sampled,
+        "choice": fitted.choice.numbers() if fitted.choice else None,
+        "compensation": fitted.chain.numbers(),
+        "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             "total": tally.total,
             "nodata": tally.nodata if counted else None,
             "not_water": tally.not_water if counted else None,
             "corrected": tally.corrected,
             "protected": tally.protected,
-            "changed": {name: n for name, n in by_band(tally.changed).items() if n},
-            "replaced": by_band(tally.replaced),
-            "negative_after": by_band(tally.negative),
-            "saturated_before": by_band(tally.saturated) if counted else None,
-            "clipped": by_band(tally.clipped),
+            "changed": {name: n for name, n in by_band("changed").items() if n},
+            "replaced": by_band("replaced"),
+            "negative_after": by_band("negative"),
+            "saturated_before": by_band("saturated") if counted else None,
+            "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
-        "warnings": [*fitted.model.warnings, *_losses(names, tally)],
+        "warnings": [*fitted.model.warnings, *_losses(scene.names, tally)],
         "seconds": round(seconds, 3),
     }
 
@@ -282,11 +291,11 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
     elif fitted.water is None:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
-    for i, (name, changed) in enumerate(zip(names, np.broadcast_to(tally.changed, len(names)), strict=True)):
+    for i, (name, pixels) in enumerate(tally.by_band("changed", names).items()):
         if i not in corrected:
             reason = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
-            replaced = f"no glint removed, {changed} pixels replaced by compensation"
-            out[name] = f"{reason}: {replaced if changed else 'copied'}"
+            replaced = f"no glint removed, {pixels} pixels replaced by compensation"
+            out[name] = f"{reason}: {replaced if pixels else 'copied'}"
     return out
 
 
@@ -300,12 +309,10 @@ def versions() -> dict[str, str]:
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
     """Warnings of values that the output cannot hold, or that are physically impossible."""
-    kinds = {"below zero after correction": tally.negative, "clipped to the integer range": tally.clipped}
     said = []
-    for kind, counts in kinds.items():
-        counted = zip(names, np.broadcast_to(counts, len(names)), strict=True)
-        if bands := ", ".join(f"{name} {n}" for name, n in counted if n):
-            said.append(f"pixels {kind} (of {tally.corrected} corrected): {bands}")
+    for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
+        if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
+            said.append(f"pixels {what} (of {tally.corrected} corrected): {bands}")
     return said
 
 
@@ -331,11 +338,7 @@ def load_chain(path: str) -> Chain:
     Raises ReadError, InputError: no such file, or not a saved compensation.
     """
 
-    def read(text: str) -> Chain:
-        found = json.loads(text).get("compensation")
-        return chain_from(found) if found else Chain()
-
-    return _load(path, read)
+    return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
 
 def _load(path: str, read: Callable[[str], Read]) -> Read:

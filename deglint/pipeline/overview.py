@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -56,7 +56,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
         rule = None
         if wanted and roles.visible and chosen:
             rule = fit_water(
-                read_overview(scene, chosen, roles, threads),
+                read_tiles(scene, chosen, role_bands(roles), threads),
                 _compact(roles),
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_OVERVIEW,
@@ -91,7 +91,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     everything = tiling.tiles(scene.height, scene.width, shape)
     # a tile in so many is kept from the start: the list itself must not grow with the scene
     share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
-    found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
+    found = [t for part in on_threads(everything, work, at_once) for t in part[::share]]
     return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]
 
 
@@ -120,11 +120,14 @@ def _compact(roles: Roles) -> Roles:
     return Roles(nir=place[roles.nir], **index)
 
 
-def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
-    """Read the bands that the masks use from some tiles."""
-    bands = list(role_bands(roles))
-    found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)
-    return [block for _tile, block in found]
+def on_threads(tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Any = None) -> Iterator[Any]:
+    """Iterate over the results of work that reads the scene."""
+    return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
+
+
+def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[Any]:
+    """Physical values of some bands of some tiles."""
+    return list(on_threads(tiles, lambda tile: scene.source.read(tile.window, list(bands)), threads))
 
 
 def block_of(scene: Scene) -> tuple[int, int]:
