@@ -182,9 +182,8 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
 
 
 def _watch_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
+    if (parent := parent_process()) is not None:
+        parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
 
 

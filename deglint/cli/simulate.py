@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -186,10 +187,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
     sensor = preset(given["preset"])
     squares = thesis_array(given["size"], sensor.gsd, depth=given["depth"]) if given["objects"] == "thesis" else ()
-    direct = (
-        "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
-        "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
-    )  # fmt: skip
+    same = given.keys() & {f.name for f in fields(Setup)} - {"bottom", "foam", "misregistration", "objects", "wind"}
     winds, delays = given["wind"], given["delay"]
     wind = winds[0] if winds else 5.0
     bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
@@ -202,7 +200,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         wind=wind,
         objects=squares,
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
-        **{name: given[name] for name in direct},
+        **{name: given[name] for name in same},
     )
     if not given["grid"]:
         if len(winds) > 1 or len(delays) > 1:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("deglint.pipeline")
 
-Read = TypeVar("Read")
-COPIED = "no band needs a correction: copied as they are, and not counted by kind"
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
@@ -140,9 +138,8 @@ class Result:
         pixels = self.sidecar["pixels"]["changed"]
         rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
         rows += [("warning", w) for w in self.warnings]
-        images = [self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])]
-        found = [image for image in images if image is not None]
-        return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
+        before, after = self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])
+        return shown(repr(self), rows, None if before is None or after is None else stretched([before, after]))
 
     def _middle(self, paths: list[str]) -> FloatArray | None:
         """The central part of the image in some files, if it can be read."""
@@ -283,7 +280,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """Steps that were skipped, and why."""
-    out = {"pixels": COPIED} if tally.copied else {}
+    out = {"pixels": "no band needs a correction: copied as they are, and not counted by kind"} if tally.copied else {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
@@ -341,7 +338,7 @@ def load_chain(path: str) -> Chain:
     return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
 
-def _load(path: str, read: Callable[[str], Read]) -> Read:
+def _load(path: str, read: Callable[[str], Any]) -> Any:
     """Read a saved fit; errors name the file."""
     text = read_text(path, "--model")
     try:
