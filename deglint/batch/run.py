@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
@@ -60,7 +60,11 @@ def run_batch(
         if done is not None:
             done(outcome)
 
-    with contextlib.nullcontext() if dry_run else _claimed(order.directory):
+    with contextlib.ExitStack() as stack:
+        if not dry_run:  # lock the directory against other batches
+            make_directory(order.directory, parents=True)
+            check_target(order.directory / "x.tif", overwrite=True)
+            stack.enter_context(claimed(order.directory))
         for i, job in enumerate(jobs):
             begun = time.perf_counter()
             status, why = state_of(job)
@@ -73,15 +77,6 @@ def run_batch(
         count = min(processes, len(todo))
         _run_jobs(todo, order, count, threads or max(1, default_threads() // max(count, 1)), ended)
     return [found[i] for i in range(len(jobs))]
-
-
-@contextlib.contextmanager
-def _claimed(directory: Path) -> Iterator[None]:
-    """Create the output directory and lock it against other batches."""
-    make_directory(directory, parents=True)
-    check_target(directory / "x.tif", overwrite=True)
-    with claimed(directory):
-        yield
 
 
 def _run_jobs(

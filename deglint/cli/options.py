@@ -12,6 +12,9 @@ import click
 from click.shell_completion import CompletionItem
 
 log = logging.getLogger(__name__)
+# what --help of commands shows without loading the simulator and the planner; tests hold them equal to theirs
+SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
+SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class AutoOr(click.Choice[str]):
@@ -69,9 +72,7 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
 
 
 def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
-    """Callback that parses one text, or each of several, by `read`; a ValueError becomes a usage error that ends with
-    `wrong`.
-    """
+    """Callback that parses one text, or each of several, by `read`; its ValueError becomes a usage error."""
 
     def one(text: str) -> Any:
         try:

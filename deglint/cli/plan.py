@@ -11,13 +11,11 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
-from .options import FILE, parsed, with_options
+from .options import FILE, SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
 # What --help shows without loading the planner; a test holds them equal to it.
-SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
-SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian", "cox-munk-isotropic", "breon-henriot")
 WATER_NAMES = ("scattering", "absorption")
 

@@ -12,14 +12,12 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import SETTINGS, Grouped
-from .options import parsed, with_options
+from .options import SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
 # What --help shows without loading the simulator; a test holds them equal to it.
 KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
-PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
-SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
 """Bytes of one pixel of one band in all outputs: image, two truths, noisy truth, glint, its mask, and cover."""
 LEAST_SIDE, MOST_SIDE = 8, 16384
@@ -72,7 +70,7 @@ class _Simulate(Grouped):
 
 
 simulate_options = with_options(
-    click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
+    click.option("--preset", type=click.Choice(SENSOR_NAMES), default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
                  help="Size of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),

@@ -349,11 +349,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, with standard errors.
-
-    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation without an error
-    estimate.
-    """
+    """The same correction, with standard errors. Raises InputError, FitError: they cannot be estimated."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)

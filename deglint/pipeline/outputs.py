@@ -244,10 +244,7 @@ def sidecar(
         "bands": [asdict(b) for b in scene.bands],
         "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
-        "water": fitted.water.numbers() if fitted.water else None,
-        "sample": fitted.sampled,
-        "choice": fitted.choice.numbers() if fitted.choice else None,
-        "compensation": fitted.chain.numbers(),
+        **fitted.numbers,
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             "total": tally.total,

@@ -69,9 +69,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Sampler:
-    """The location of the sample: tiles to read, a function that gives its mask in a block, and bounding rows and
-    columns.
-    """
+    """The location of the sample: tiles to read, a function that gives its mask in a block, and its bounds."""
 
     tiles: Sequence[Tile]
     mask: Callable[[Any, Sequence[int], Tile], Mask]
@@ -148,9 +146,7 @@ class Training:
 
 
 def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callable[[Tile], Training]:
-    """Function that reads a training tile with `halo` pixels around it; its sample is that of the sampler, or all open
-    water.
-    """
+    """Function that reads a training tile with a halo; its sample is that of the sampler, or all open water."""
     scene, rule, every = job.scene, job.overview.water, list(range(len(job.scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
@@ -244,9 +240,7 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles with the sample at least a window away from land, where openings are too dark; unchanged if most of it is
-    nearer.
-    """
+    """Tiles with the sample a window or more from land, where openings are too dark; unchanged if most is nearer."""
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
     return inner if enough else list(tiles)
