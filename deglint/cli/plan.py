@@ -164,7 +164,7 @@ def plan(**given: Any) -> None:
 
     mode = planning.mode_of(given)
     reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
-    check_plan(given["outs"], planning.ENDINGS[mode], reads, overwrite=given["overwrite"])
+    check_plan(given["outs"], planning.endings(mode), reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:

@@ -140,11 +140,8 @@ def _json(numbers: Mapping[str, Any]) -> str:
     return json.dumps(plain(numbers), indent=2, allow_nan=False)
 
 
-ENDINGS: dict[Mode, tuple[str, ...]] = {
-    one_reticle: (".png", ".json", ".nc", ".tif"),
-    over_time: (".png", ".json"),
-    under_winds: (".png", ".json"),
-    flight_line: (".png", ".json"),
-    page: (),
-}
-"""Modes, and the endings of the files that each writes."""
+def endings(mode: Mode) -> tuple[str, ...]:
+    """Endings of the files that a mode writes."""
+    if mode is page:
+        return ()
+    return (".png", ".json", ".nc", ".tif") if mode is one_reticle else (".png", ".json")

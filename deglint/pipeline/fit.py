@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -157,9 +158,10 @@ def _fit_overviews(
     found = recipe.sample == "auto"
     if recipe.regression == "auto":
         request = replace(request, regression="detrended" if found else "ols")
+    note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
-            fitted = _fit(Job(scene, recipe, request, overview, threads, progress, run, want_sample), notes)
+            fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), notes)
         except (NoWaterError, FitError):
             # an overview of a part may have missed the water, or the deep of it: look at more
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
@@ -179,7 +181,7 @@ def _fit(job: Job, notes: list[str]) -> Fitted:
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = learning.read_training(job, sampler, learning.HALO)
-        job = replace(job, progress=None)  # the tiles have been counted
+        job = replace(job, note=None)  # the tiles have been counted
         choice = learning.chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()

@@ -53,13 +53,9 @@ class Job:
     request: FitRequest
     overview: Overview
     threads: int
-    progress: Progress | None
+    note: Callable[[int, int], None] | None  # called with the number of tiles that are done, and of all
     run: tiling.Run
     want_sample: bool
-
-    def note(self) -> Any:
-        """Progress callback for `tiling.run`."""
-        return None if self.progress is None else partial(self.progress, "fit")
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
         """Iterate over the results of work on tiles of an overview with a halo, of all bands."""
@@ -211,7 +207,7 @@ def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training
     places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
-    return list(job.results(places, training_reader(job, sampler, halo), halo, job.note()))
+    return list(job.results(places, training_reader(job, sampler, halo), halo, job.note))
 
 
 def sample_of(training: Sequence[Training]) -> Sample:

@@ -108,7 +108,7 @@ def _read(
 
     largest = max(batch, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
-    done = job.run(batch, work, threads=at_once, progress=job.note(), start=enter_thread)
+    done = job.run(batch, work, threads=at_once, progress=job.note, start=enter_thread)
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 
