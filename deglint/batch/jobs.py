@@ -220,9 +220,8 @@ def state_of(job: Job) -> tuple[str, str]:
     if batch.get("request") != job.outputs.request:
         return FAILED, f"{image} was made by another recipe"
     with environment():
-        same = are_as([p for name in job.scene.source for p in files_of(name)], inputs)
-    if not same:
-        return FAILED, f"{image} was made of another state of the scene"
+        if not are_as([p for name in job.scene.source for p in files_of(name)], inputs):
+            return FAILED, f"{image} was made of another state of the scene"
     if len(there) < len(every):
         return TODO, "was stopped while it was moved into place"
     changed = [p for p in every if p != sidecar and not is_as(p, outputs.get(p.name, {"bytes": -1}))]

@@ -188,9 +188,8 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
     same = given.keys() & {f.name for f in fields(Setup)} - {"bottom", "foam", "misregistration", "objects", "wind"}
     winds, delays = given["wind"], given["delay"]
     wind = winds[0] if winds else 5.0
-    bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
     base = Setup(
-        bottom=bottom or None,
+        bottom=Bottom(depth=given["bottom"], share=given["texture"]) if given["bottom"] else None,
         foam=whitecaps(wind) if given["foam"] is None else given["foam"],
         targets=tuple(FloatingTarget(right=x, down=y, speed=v, heading=h, wake=3 * v) for x, y, v, h in given["boat"]),
         artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),

@@ -70,8 +70,7 @@ def _of_chunk(
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
-    source = ArraySource(block, info, (outer.row0, outer.col0))
-    return work(replace(scene, source=source), tile)
+    return work(replace(scene, source=ArraySource(block, info, (outer.row0, outer.col0))), tile)
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:

@@ -115,7 +115,7 @@ class Correction:
     @property
     def halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        return self.chain_halo + (self.water.halo if self.water and self.area is None else 0)
+        return self.chain_halo + (self.water.halo if self.water else 0)
 
     @property
     def chain_halo(self) -> int:
@@ -141,8 +141,7 @@ class Correction:
         tally = bits.counted(block, flags, saturated)
         error = self._stderr(block, physical) if self.want_stderr else None
         out = self._encoded(block, physical, flags if self.want_flags else None, tally)
-        valid = self._file_valid(block.raw, block.valid)
-        done = Corrected(out, tally, valid, stderr=error)
+        done = Corrected(out, tally, self._file_valid(block.raw, block.valid), stderr=error)
         if before is None:
             return done
         amount = np.subtract(before, physical[wanted], dtype=np.float32)

@@ -46,8 +46,7 @@ class Overview:
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
     """Overviews of larger and larger parts of the scene, the last of all of it; with a water rule if `wanted`."""
-    found = band_roles(scene)
-    roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
+    roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     total = scene.height * scene.width
     known = (scene.sensor or "").startswith(("sentinel2", "landsat"))  # products of reflectance
     for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
@@ -69,8 +68,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
     """Tiles spread over the scene; in a huge scene only from every n-th row and column of tiles."""
-    step = max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
-    side = step * TILE_SIDE
+    side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
     return tiling.spread(cut, pixels)
