@@ -203,9 +203,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
     """Notes on assumed values, and cautions."""
-    out = []
-    if mission.sun_zenith is None and mission.time is None:
-        out.append(f"time: now, {mission.moment}Z.")
+    out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
     bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]

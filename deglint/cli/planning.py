@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import click
@@ -129,9 +128,7 @@ def page(given: Given, mission: Any, _console: Console) -> None:
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
     """Write the selected files, and print the result."""
     if given["outs"]:
-        outs: dict[Path, bytes | Mapping[str, Any]] = {}
-        for path in given["outs"]:
-            outs[path] = png(picture()) if path.suffix.lower() == ".png" else numbers
+        outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
         write_numbers(outs, overwrite=given["overwrite"])
     click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
 

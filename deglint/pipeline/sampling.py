@@ -51,8 +51,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
     pool = sampler.squares(job.scene) if tolerance else sampler.tiles
     model: GlintModel | None = None
-    parts: list[SampleStatistics] = []
-    places: list[Place] = []
+    read: list[tuple[SampleStatistics, list[Place]]] = []
     done, wanted, worst = set[Tile](), OVERVIEW_PIXELS, math.inf
     while len(done) < len(pool) and worst > tolerance:
         batch = [tile for tile in (tiling.spread(pool, wanted) if tolerance else pool) if tile not in done]
@@ -67,10 +66,8 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
         if tolerance:  # a power of two: each share divides the later ones
             share = 1 << (share - 1).bit_length()
         plan = replace(plan, share=share, levels=math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))))
-        for part, found in _read(job, sampler, plan, batch):
-            parts.append(part)
-            places += found
-        stats = merge(parts, plan)
+        read += _read(job, sampler, plan, batch)
+        stats = merge([part for part, _places in read], plan)
         if tolerance:
             model, errors, cells = _errors(job, method, stats)
             worst = max(errors.values(), default=0.0) if cells >= LEAST_CELLS else math.inf
@@ -83,6 +80,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
         whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
         numbers["tolerance"], note, doubts = _reached(tolerance, errors, cells, taken, whole)
         notes, model = [note], replace(model, warnings=(*model.warnings, *doubts))
+    places = [place for _part, some in read for place in some]
     entries, outline = describe_sample(job, model, stats.moments.n, places)
     notes.append(f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(entries['rows_columns'])}")
     return model, (entries | numbers, outline), notes
