@@ -54,8 +54,7 @@ def _rgb(scene: Scene, model: GlintModel) -> list[int]:
 def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
     """Some bands as physical values, every n-th pixel of every n-th row, read by tiles."""
     step = max(1, -(-max(scene.height, scene.width) // LONGEST_PICTURE))
-    shape = (-(-scene.height // step), -(-scene.width // step))
-    out = np.empty((len(bands), *shape), np.float32)
+    out = np.empty((len(bands), -(-scene.height // step), -(-scene.width // step)), np.float32)
     side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])
     for tile in tiles(scene.height, scene.width, side):
         block = source.read(tile.window, bands)[:, -tile.row0 % step :: step, -tile.col0 % step :: step]

@@ -120,8 +120,12 @@ def apply(
         )
     else:
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
-    work = _correction(opened.scene, fitted, dtype)
-    every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
+    scene, own = opened.scene, opened.scene.source.info.dtype  # type: ignore[attr-defined]
+    if dtype is not None and (dtype not in DTYPES or (dtype != own and not dtype.startswith("float"))):
+        raise InputError(f"dtype: allowed is float32, float64 or the array's own {own}, got {dtype!r}.")
+    work = correction(scene, fitted, dtype=dtype)
+    work = replace(work, scene=detached(scene), layout=replace(work.layout, masked=False))
+    every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
     return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
@@ -230,15 +234,6 @@ def need_xarray() -> Any:
 
 def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
     return replace(work, scene=scene)(tile).raw
-
-
-def _correction(scene: Scene, fitted: Fitted, dtype: str | None) -> Correction:
-    """The function of a tile that `deglint remove` uses, for output in the array's own type or a floating one."""
-    info = scene.source.info  # type: ignore[attr-defined]
-    if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
-        raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
-    work = correction(scene, fitted, dtype=dtype)
-    return replace(work, scene=detached(scene), layout=replace(work.layout, masked=False))
 
 
 def _same(a: Any, b: Any) -> bool:

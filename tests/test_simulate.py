@@ -445,7 +445,7 @@ def test_help_names_what_there_is():
     from importlib import import_module
 
     command = import_module("deglint.cli.simulate")
-    assert tuple(PRESETS) == command.PRESET_NAMES
+    assert tuple(PRESETS) == command.SENSOR_NAMES
     assert sky.SKY_MODELS == command.SKY_NAMES
     assert KERNELS == command.KERNEL_NAMES
     assert get_args(SlopeModel) == command.SIMULATED_SLOPES

@@ -22,6 +22,7 @@ from ..errors import DeglintError, InputError
 from ..pipeline import Outputs
 from ..pipeline.outputs import DTYPES
 from ..pipeline.recipe import Recipe, band_names
+from ..pipeline.run import READING
 from ..raster.environment import environment
 from ..raster.targets import check_unread
 from ..readers.scenes import ListedScene, checked_name
@@ -31,7 +32,7 @@ from ..readers.text import read_json, read_toml
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Optional outputs beside the image, and the endings of their file names."""
 OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
-OF_INPUT = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset", "assets")
+OF_INPUT = (*READING, "assets")
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 
 
@@ -82,9 +83,8 @@ class Order:
 
     def opening(self) -> dict[str, Any]:
         """The options of [input] as keywords of `deglint.open_scene`."""
-        stated = {"wavelengths": self.wavelengths, "scale": self.scale, "offset": self.offset}
-        given = {name: value or None for name, value in (stated | {"bands": ",".join(self.bands)}).items()}
-        return given | {"sensor": self.sensor, "nodata": self.nodata, "grid": self.grid}
+        given = {name: getattr(self, name) for name in READING} | {"bands": ",".join(self.bands) or None}
+        return {name: None if value == () else value for name, value in given.items()}
 
     def request(self) -> str:
         """Checksum of everything that the result depends on except the scene; equal orders give equal checksums."""
@@ -220,9 +220,8 @@ def state_of(job: Job) -> tuple[str, str]:
     if batch.get("request") != job.outputs.request:
         return FAILED, f"{image} was made by another recipe"
     with environment():
-        same = are_as([p for name in job.scene.source for p in files_of(name)], inputs)
-    if not same:
-        return FAILED, f"{image} was made of another state of the scene"
+        if not are_as([p for name in job.scene.source for p in files_of(name)], inputs):
+            return FAILED, f"{image} was made of another state of the scene"
     if len(there) < len(every):
         return TODO, "was stopped while it was moved into place"
     changed = [p for p in every if p != sidecar and not is_as(p, outputs.get(p.name, {"bytes": -1}))]

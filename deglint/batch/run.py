@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
@@ -53,13 +53,18 @@ def run_batch(
     found: dict[int, Outcome] = {}
     todo: dict[int, Job] = {}
 
-    def ended(outcome: Outcome) -> None:
+    def ended(number: int, outcome: Outcome) -> None:
+        found[number] = outcome
         if outcome.status == DONE:
             MOVED.append(Path(outcome.output))  # by a worker; an interruption says so
         if done is not None:
             done(outcome)
 
-    with contextlib.nullcontext() if dry_run else _claimed(order.directory):
+    with contextlib.ExitStack() as stack:
+        if not dry_run:  # lock the directory against other batches
+            make_directory(order.directory, parents=True)
+            check_target(order.directory / "x.tif", overwrite=True)
+            stack.enter_context(claimed(order.directory))
         for i, job in enumerate(jobs):
             begun = time.perf_counter()
             status, why = state_of(job)
@@ -67,35 +72,24 @@ def run_batch(
                 status, why = (TODO, why) if overwrite else (FAILED, f"{why}. Give --overwrite to make it again")
             if status == TODO and not dry_run:
                 todo[i] = replace(job, outputs=replace(job.outputs, overwrite=overwrite or bool(why)))
-                continue
-            found[i] = job.ended(status, why, begun=begun)
-            ended(found[i])
-        found |= _run_jobs(todo, order, processes, threads, ended)
+            else:
+                ended(i, job.ended(status, why, begun=begun))
+        count = min(processes, len(todo))
+        _run_jobs(todo, order, count, threads or max(1, default_threads() // max(count, 1)), ended)
     return [found[i] for i in range(len(jobs))]
 
 
-@contextlib.contextmanager
-def _claimed(directory: Path) -> Iterator[None]:
-    """Create the output directory and lock it against other batches."""
-    make_directory(directory, parents=True)
-    check_target(directory / "x.tif", overwrite=True)
-    with claimed(directory):
-        yield
-
-
 def _run_jobs(
-    todo: Mapping[int, Job], order: Order, processes: int, threads: int | None, ended: Callable[[Outcome], None]
-) -> dict[int, Outcome]:
-    """Run the jobs and return their outcomes by index."""
-    found: dict[int, Outcome] = {}
-    waiting, count = list(todo)[::-1], min(processes, len(todo))
-    each = threads or max(1, default_threads() // max(count, 1))
+    todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
+) -> None:
+    """Run the jobs on `count` processes of some threads each; `ended` is called with the number of each job."""
+    waiting = list(todo)[::-1]
     idle: dict[Any, Any] = {}  # processes, by the way to talk to them
     busy: dict[Any, tuple[Any, int, float]] = {}  # the same, with the job that each has and when it began
     try:
         while waiting or busy:
             while waiting and len(busy) < count:
-                line, process = idle.popitem() if idle else _start(order, each)
+                line, process = idle.popitem() if idle else _start(order, threads)
                 number = waiting.pop()
                 busy[line] = process, number, time.perf_counter()
                 with contextlib.suppress(OSError):  # it died: its line says so below
@@ -104,8 +98,7 @@ def _run_jobs(
                 process, number, begun = busy[line]
                 outcome = _hear(line, process, todo[number], begun)
                 if outcome is not None:
-                    found[number] = outcome
-                    ended(outcome)
+                    ended(number, outcome)
                     del busy[line]
                     if process.is_alive():
                         idle[line] = process
@@ -113,10 +106,10 @@ def _run_jobs(
         for line in idle:
             with contextlib.suppress(OSError):
                 line.send(None)
-        for process, _number, _begun in busy.values():
+        at_work = [process for process, _number, _begun in busy.values()]
+        for process in at_work:
             process.terminate()
-        _join([*idle.values(), *(process for process, _number, _begun in busy.values())])
-    return found
+        _join([*idle.values(), *at_work])
 
 
 def _start(order: Order, threads: int) -> tuple[Any, Any]:
@@ -184,9 +177,8 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
 
 
 def _watch_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
+    if (parent := parent_process()) is not None:
+        parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -7,7 +7,7 @@ import io
 import json
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
@@ -19,6 +19,7 @@ from ..shown import shown
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import FILE, with_options
+from .remove import read_bytes, size
 from .running import printable
 
 if TYPE_CHECKING:
@@ -97,10 +98,8 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     else:
         click.echo("\n".join(summary(found)))
         if given["dry_run"]:
-            from .dryrun import batch_size
-
             todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
-            click.echo(batch_size(todo, order.opening()))
+            click.echo(total_size(todo, order.opening()))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 
@@ -116,6 +115,23 @@ def summary(found: list[Any]) -> list[str]:
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
     counts = Counter(o.status for o in found)
     return [*out, "", f"{len(found)} scenes: " + ", ".join(f"{n} {status}" for status, n in counts.items())]
+
+
+def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
+    """Line with the total size of some scenes, from their headers."""
+    from ..errors import DeglintError
+    from ..raster.environment import environment
+    from ..readers import open_scene
+
+    total = unread = 0
+    with environment():
+        for names in paths:
+            try:
+                total += read_bytes(open_scene(list(names), **options))
+            except DeglintError:
+                unread += 1
+    left = f"; {unread} scenes cannot be opened" if unread else ""
+    return f"would read and write {size(total)} of pixels before compression{left}"
 
 
 def _check_table(path: Path, reads: list[str]) -> None:

@@ -48,8 +48,7 @@ class Grouped(click.Command):
         heading = {name: group for group, names in self.groups.items() for name in names}
         found: dict[str, list[tuple[str, str]]] = {group: [] for group in self.groups}
         for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
-            if record is not None:
+            if record := isinstance(parameter, click.Option) and parameter.get_help_record(ctx):
                 name = "help" if "--help" in parameter.opts else parameter.name or ""
                 found[heading.get(name, "Input")].append(record)
         for group, records in found.items():

@@ -69,5 +69,4 @@ def lines(found: dict[str, Any]) -> list[str]:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
     said = {*found["opened"], *found["tried"], found["reason"]}
-    decided = [n for n in found["notes"] if n not in said]
-    return [*out, "", *decided, *found["tried"]]
+    return [*out, "", *(note for note in found["notes"] if note not in said), *found["tried"]]

@@ -12,6 +12,9 @@ import click
 from click.shell_completion import CompletionItem
 
 log = logging.getLogger(__name__)
+# what --help of commands shows without loading the simulator and the planner; tests hold them equal to theirs
+SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
+SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class AutoOr(click.Choice[str]):
@@ -69,9 +72,7 @@ def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...])
 
 
 def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
-    """Callback that parses one text, or each of several, by `read`; a ValueError becomes a usage error that ends with
-    `wrong`.
-    """
+    """Callback that parses one text, or each of several, by `read`; its ValueError becomes a usage error."""
 
     def one(text: str) -> Any:
         try:
@@ -102,12 +103,11 @@ read_nodata = parsed(lambda text: text if text == "none" else float(text), "is n
 common = with_options(
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
-                 "planetscope, micasense, landsat8, ...), or a file of a "
-                 "sensor of your own."),
+                      "planetscope, micasense, landsat8, ...), or a file of a sensor of your own."),
     click.option("--bands", "band_names", metavar="NAME,NAME,...", help="Names of all bands in the file's "
                  "order, such as 'blue,green,red,nir', where the file does not say them. (-b chooses bands.)"),
-    click.option("--wavelengths", metavar="NM,NM,...", help="Central wavelengths of the bands [nm], such as "
-                 "475,560,668,842."),
+    click.option("--wavelengths", metavar="NM,NM,...",
+                 help="Central wavelengths of the bands [nm], such as 475,560,668,842."),
     click.option("--scale", metavar="N[,N...]", help="Physical value = number in the file times scale plus "
                  "offset; one scale for all bands or one for each, in place of what the file says."),
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
@@ -140,8 +140,8 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 
 on_cluster = with_options(
-    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see "
-                 "the input."),
+    click.option("--cluster", metavar="tcp://HOST:PORT",
+                 help="Work on this dask cluster, whose workers see the input."),
     click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
                  help="Work on N processes of this machine in place of threads."),
     click.option("--worker-memory", metavar="SIZE", show_default="its share of the machine's",

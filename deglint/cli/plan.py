@@ -11,13 +11,11 @@ from typing import Any, ClassVar
 import click
 
 from .grouped import Grouped
-from .options import FILE, parsed, with_options
+from .options import FILE, SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
 # What --help shows without loading the planner; a test holds them equal to it.
-SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
-SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian", "cox-munk-isotropic", "breon-henriot")
 WATER_NAMES = ("scattering", "absorption")
 
@@ -84,11 +82,9 @@ mission_options = with_options(
     click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
     click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
     click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2, zenith angle @ azimuth [degree]"),
-                 metavar="ZENITH@AZIMUTH",
-                 help="The sun's angles, in place of place and time."),
+                 metavar="ZENITH@AZIMUTH", help="The sun's angles, in place of place and time."),
     click.option("--wind", callback=at("speed", "from", "7@310, speed [m/s] @ azimuth that it blows from [degree]"),
-                 metavar="M/S@FROM",
-                 help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
+                 metavar="M/S@FROM", help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
     *_numbers(slice(2, None)),
     click.option("--pressure", metavar="HPA", help="Air pressure, or with its unit, 29.9inHg; 1013.25 by default."),
     click.option("--sensor", metavar="NAME", help=f"Sensor: {', '.join(SENSOR_NAMES)}; thesis by default."),
@@ -166,7 +162,7 @@ def plan(**given: Any) -> None:
 
     mode = planning.mode_of(given)
     reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
-    check_plan(given["outs"], planning.ENDINGS[mode], reads, overwrite=given["overwrite"])
+    check_plan(given["outs"], planning.endings(mode), reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:
@@ -205,9 +201,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
     """Notes on assumed values, and cautions."""
-    out = []
-    if mission.sun_zenith is None and mission.time is None:
-        out.append(f"time: now, {mission.moment}Z.")
+    out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]
     bare = [text for text in texts if not re.search(r"(Z|[+-]\d\d:?\d\d)$", text, re.IGNORECASE)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import click
@@ -129,9 +128,7 @@ def page(given: Given, mission: Any, _console: Console) -> None:
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
     """Write the selected files, and print the result."""
     if given["outs"]:
-        outs: dict[Path, bytes | Mapping[str, Any]] = {}
-        for path in given["outs"]:
-            outs[path] = png(picture()) if path.suffix.lower() == ".png" else numbers
+        outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
         write_numbers(outs, overwrite=given["overwrite"])
     click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
 
@@ -140,11 +137,8 @@ def _json(numbers: Mapping[str, Any]) -> str:
     return json.dumps(plain(numbers), indent=2, allow_nan=False)
 
 
-ENDINGS: dict[Mode, tuple[str, ...]] = {
-    one_reticle: (".png", ".json", ".nc", ".tif"),
-    over_time: (".png", ".json"),
-    under_winds: (".png", ".json"),
-    flight_line: (".png", ".json"),
-    page: (),
-}
-"""Modes, and the endings of the files that each writes."""
+def endings(mode: Mode) -> tuple[str, ...]:
+    """Endings of the files that a mode writes."""
+    if mode is page:
+        return ()
+    return (".png", ".json", ".nc", ".tif") if mode is one_reticle else (".png", ".json")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +31,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..pipeline import Outputs, Recipe
+    from ..scene import Scene
 
 
 remove_options = with_options(
@@ -117,10 +121,8 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
             "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
         )
     if given["dry_run"]:
-        from .dryrun import removal
-
         with Console(given):
-            removal(inputs, output, given)
+            dry_run(inputs, output, given)
         return
     with Console(given) as console, cluster_of(given) as cluster:
         from ..pipeline import load_chain, load_model, remove_glint
@@ -148,3 +150,69 @@ def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
     reads = [given["model_in"]] if given["model_in"] else []
     return Outputs(Path(output), sample=given["save_sample"], model=given["save_model"], reads=reads, **same)
+
+
+def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
+    """Open the scene and fit the recipe, and print what would be written, and its size."""
+    import numpy as np
+
+    from ..pipeline import fit_scene, load_model
+    from ..pipeline.run import check_outputs
+    from ..raster.environment import environment
+    from ..raster.output import plain
+    from ..readers import open_scene
+
+    targets, used = outputs_of(output, given), recipe_of(given)
+    with environment():
+        check_outputs(inputs, used, given["sensor"], targets)
+        scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
+        begun = time.perf_counter()
+        if given["model_in"]:
+            model = load_model(given["model_in"])
+        else:
+            fitted = fit_scene(scene, used, threads=given["threads"])
+            model, used = fitted.model, fitted.recipe
+    took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
+    data = read_bytes(scene)
+    image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
+    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
+                targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
+    # bytes of the pixels of each file; None where it holds none
+    files = {str(path): per_file.get(path) for path in targets.every()}
+    nir = [scene.names[b] for b in model.index_bands]
+    about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
+    if given["as_json"]:
+        click.echo(json.dumps(plain({**about, "files": files}), indent=2))
+        return
+    lines = [f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
+             f"reference bands: {', '.join(nir) or 'none'}", f"options: {as_options(used)}",
+             f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once"]  # fmt: skip
+    lines += [f"would write {name}" + (f" ({size(count)})" if count else "") for name, count in files.items()]
+    lines += [f"{len(files)} files, {size(sum(n or 0 for n in files.values()))} of pixels before compression"]
+    click.echo("\n".join(lines))
+
+
+def as_options(recipe: Recipe) -> str:
+    """The options of the command that select a recipe explicitly."""
+    usual, words = asdict(type(recipe)()), []
+    for name, value in asdict(recipe).items():
+        if value != usual[name]:
+            option = "--band" if name == "bands" else f"--{name.replace('_', '-')}"
+            words += [option, ",".join(map(str, value)) if isinstance(value, tuple) else str(value)]
+    return shlex.join(words)
+
+
+def read_bytes(scene: Scene) -> int:
+    """Size of the pixels of a scene in its data type, before compression [byte]."""
+    from ..pipeline.overview import raster_of
+
+    return scene.height * scene.width * len(scene.bands) * raster_of(scene).info.dtype.itemsize
+
+
+def size(count: float) -> str:
+    """Size in bytes as text, such as "12.3 MB"."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"

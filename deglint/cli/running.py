@@ -35,10 +35,9 @@ class Commands(click.Group):
 
     context_class = BoldContext
 
-    def __init__(self, *args: Any, home: str = "", lines: dict[str, str] | None = None, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, home: str, lines: dict[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._home = home
-        self._lines = lines or {}
+        self._home, self._lines = home, lines
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Names of the commands."""
@@ -46,19 +45,15 @@ class Commands(click.Group):
 
     def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of this name."""
-        if cmd_name not in self._lines:
-            return None
-        return getattr(import_module(f".{cmd_name}", self._home), cmd_name)
+        return getattr(import_module(f".{cmd_name}", self._home), cmd_name) if cmd_name in self._lines else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """The command that the first argument names; a wrong name is answered with the nearest one, or with all."""
         name = args[0]
         if name not in self._lines and not name.startswith("-") and not ctx.resilient_parsing:
             near = difflib.get_close_matches(name, self._lines, 1)
-            ctx.fail(f"no such command: {name}. " + (f"Did you mean {near[0]}?" if near else
-                     f"The commands are {', '.join(self._lines)}."))  # fmt: skip
+            hint = f"Did you mean {near[0]}?" if near else f"The commands are {', '.join(self._lines)}."
+            ctx.fail(f"no such command: {name}. {hint}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -76,10 +71,8 @@ def run(cli: click.Group, program: str, arguments: list[str]) -> int:
     warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # rasterio's, of images without a place
     colour = False if os.environ.get("NO_COLOR") else None  # None: where a terminal shows them
     with _terminable(), _own_stderr() as show_aside, _nothing_hidden():
-        try:
-            with cli.make_context(
-                program, list(arguments), color=colour
-            ) as context:  # main() would print a line of its own
+        try:  # main() would print a line of its own
+            with cli.make_context(program, list(arguments), color=colour) as context:
                 cli.invoke(context)
         except click.exceptions.Exit as error:
             return int(error.exit_code)
@@ -140,16 +133,14 @@ def _explained(error: BaseException) -> tuple[int, str]:
     return 1, f"Error: {type(error).__name__}: {printable(line)} (a fault of deglint's own; -vv shows where)"
 
 
-def _moved() -> list[Any]:
+def _moved() -> Any:
     """Outputs that were moved into place so far."""
-    found: list[Any] = getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
-    return found
+    return getattr(sys.modules.get("deglint.raster.scratch"), "MOVED", [])
 
 
 def _interrupted() -> str:
     """Message after an interruption: which outputs are complete."""
-    moved = _moved()
-    if not moved:
+    if not (moved := _moved()):
         return "interrupted: nothing was written."
     others = " and others" if len(moved) > 1 else ""
     return f"interrupted; {len(moved)} outputs were written and are whole: {printable(str(moved[0]))}{others}."
@@ -186,16 +177,15 @@ def _own_stderr() -> Iterator[Callable[[], None]]:
     if sys.stderr is None:  # closed by the caller; 2 may be any other file by now
         yield lambda: None
         return
-    real = os.dup(2)
-    python_stderr = sys.stderr
+    real, python_stderr = os.dup(2), sys.stderr
     with _nameless() as file, open(real, "w", buffering=1, errors="replace") as own:  # noqa: PTH123
 
         def show() -> None:
             file.seek(0)
             sys.stderr.write(file.read().decode(errors="replace"))
 
-        ours = _writes_to(python_stderr, 2)
-        sys.stderr = own if ours else python_stderr
+        if _writes_to(python_stderr, 2):
+            sys.stderr = own
         hooks = sys.excepthook, sys.unraisablehook
         # rasterio would print here what it cannot decode in GDAL's messages
         sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)

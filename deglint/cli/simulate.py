@@ -5,20 +5,19 @@ from __future__ import annotations
 import json
 import logging
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar
 
 import click
 
 from .grouped import SETTINGS, Grouped
-from .options import parsed, with_options
+from .options import SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
 # What --help shows without loading the simulator; a test holds them equal to it.
 KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
-PRESET_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
-SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
 """Bytes of one pixel of one band in all outputs: image, two truths, noisy truth, glint, its mask, and cover."""
 LEAST_SIDE, MOST_SIDE = 8, 16384
@@ -71,7 +70,7 @@ class _Simulate(Grouped):
 
 
 simulate_options = with_options(
-    click.option("--preset", type=click.Choice(PRESET_NAMES), default="thesis", help="Sensor."),
+    click.option("--preset", type=click.Choice(SENSOR_NAMES), default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
                  help="Size of the image [pixel]."),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
@@ -186,15 +185,11 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
     sensor = preset(given["preset"])
     squares = thesis_array(given["size"], sensor.gsd, depth=given["depth"]) if given["objects"] == "thesis" else ()
-    direct = (
-        "size", "wind_from", "sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "chlorophyll", "sky",
-        "slopes", "spectrum", "fetch", "coast", "supersample", "patch", "seed",
-    )  # fmt: skip
+    same = given.keys() & {f.name for f in fields(Setup)} - {"bottom", "foam", "misregistration", "objects", "wind"}
     winds, delays = given["wind"], given["delay"]
     wind = winds[0] if winds else 5.0
-    bottom = given["bottom"] and Bottom(depth=given["bottom"], share=given["texture"])
     base = Setup(
-        bottom=bottom or None,
+        bottom=Bottom(depth=given["bottom"], share=given["texture"]) if given["bottom"] else None,
         foam=whitecaps(wind) if given["foam"] is None else given["foam"],
         targets=tuple(FloatingTarget(right=x, down=y, speed=v, heading=h, wake=3 * v) for x, y, v, h in given["boat"]),
         artefacts=Artefacts(striping=given["striping"] / 100, resampling=given["resampling"], jpeg=given["jpeg"]),
@@ -202,7 +197,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
         wind=wind,
         objects=squares,
         misregistration=_offsets(given["misregistration"], len(sensor.bands), given["seed"]),
-        **{name: given[name] for name in direct},
+        **{name: given[name] for name in same},
     )
     if not given["grid"]:
         if len(winds) > 1 or len(delays) > 1:

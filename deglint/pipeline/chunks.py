@@ -58,23 +58,19 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
     rows, columns = (_aligned(chunks, step, reach) for chunks in values.chunks[1:])
     values = values.rechunk({1: rows, 2: columns})
     padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
-    task = partial(
-        _of_chunk, scene=detached(opened.scene), info=raster_of(opened.scene).info, work=work,
-        reach=reach,
-    )  # fmt: skip
+    task = partial(_of_chunk, detached(opened.scene), raster_of(opened.scene).info, work, reach)
     chunks, meta = ((like[0],), rows, columns), np.empty((0, 0, 0), like[1])
     return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
 
 
 def _of_chunk(
-    block: npt.NDArray[Any], *, scene: Scene, info: Any, work: Work, reach: int, block_info: Any = None
+    scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
 ) -> npt.NDArray[Any]:
     """Run the work on a chunk with the pixels around it; `block_info` (from dask) gives its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
-    source = ArraySource(block, info, (outer.row0, outer.col0))
-    return work(replace(scene, source=source), tile)
+    return work(replace(scene, source=ArraySource(block, info, (outer.row0, outer.col0))), tile)
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:

@@ -147,10 +147,9 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
         raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
-    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker"):
-        logging.getLogger(name).setLevel(logging.ERROR)
-    for name in ("distributed.client", "distributed.utils"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):
+        level = logging.CRITICAL if name in (".client", ".utils") else logging.ERROR
+        logging.getLogger(f"distributed{name}").setLevel(level)
     with ExitStack() as stack:
         yield Cluster(partial(_client, stack, address, workers, memory))
 
@@ -164,8 +163,7 @@ def _client(stack: ExitStack, address: str | None, workers: int | None, memory: 
             workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
             dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
         )  # fmt: skip
-        inside = stack.enter_context(local)
-        return stack.enter_context(Client(inside, set_as_default=False, direct_to_workers=True))
+        return stack.enter_context(Client(stack.enter_context(local), set_as_default=False, direct_to_workers=True))
     try:
         client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
     except (OSError, ValueError, TypeError) as error:

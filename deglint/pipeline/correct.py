@@ -16,7 +16,6 @@ from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
 from ..raster.convert import encode, relaid
-from ..raster.environment import enter_thread
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area
 from ..readers.roles import find_band
@@ -28,7 +27,8 @@ from ..tiles import Tile
 from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
-from .overview import block_of, raster_of, tile_shape_of
+from .overview import block_of, on_threads, raster_of, tile_shape_of
+from .sample import Mask, Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the cells to which a chain is applied, counted from the first pixel of the scene [pixel]. The cells do not
@@ -39,7 +39,6 @@ TILES = 8
 """Tiles from which noise and errors are estimated: spread over the scene; few, as each is corrected twice more."""
 TRIAL_SIDE = 192
 """Side of these tiles [pixel]: a trial displaces glint by half a tile."""
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ class Correction:
     @property
     def halo(self) -> int:
         """Pixels around a tile that are read with it."""
-        return self.chain_halo + (self.water.halo if self.water and self.area is None else 0)
+        return self.chain_halo + (self.water.halo if self.water else 0)
 
     @property
     def chain_halo(self) -> int:
@@ -142,8 +141,7 @@ class Correction:
         tally = bits.counted(block, flags, saturated)
         error = self._stderr(block, physical) if self.want_stderr else None
         out = self._encoded(block, physical, flags if self.want_flags else None, tally)
-        valid = self._file_valid(block.raw, block.valid)
-        done = Corrected(out, tally, valid, stderr=error)
+        done = Corrected(out, tally, self._file_valid(block.raw, block.valid), stderr=error)
         if before is None:
             return done
         amount = np.subtract(before, physical[wanted], dtype=np.float32)
@@ -192,13 +190,11 @@ class Correction:
         own_valid = None if valid is None else valid[place]
         return Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
 
-    def state(self, tile: Tile) -> tuple[State, Mask]:
-        """A tile with its halo before the correction, and its water without the halo."""
+    def training(self, tile: Tile) -> Training:
+        """A tile with its halo before the correction; all of its water is the sample."""
         block = self._read(tile)
-        state = State.of(block.wide, block.water, (block.outer.row0, block.outer.col0))
-        inside = np.zeros_like(state.water)
-        inside[tile.within(block.outer)] = True
-        return state, inside & state.water
+        water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
+        return Training(tile, block.outer, block.wide, water, np.ones(tile.shape, np.bool_))
 
     def _water_in(self, tile: Tile, physical: Any) -> Mask | None:
         """Pixels of a tile that may be corrected, from its physical values; None for all."""
@@ -208,14 +204,12 @@ class Correction:
             return None
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
-    def _saturated(self, physical: Any) -> npt.NDArray[np.bool_]:
+    def _saturated(self, physical: Any) -> Mask:
         """Mask of saturated pixels, (band, row, column); False for bands without a known saturation."""
-        limits = [(i, b.saturation) for i, b in enumerate(self.scene.bands) if b.saturation is not None]
-        out = np.zeros(physical.shape if limits else (len(physical), 1, 1), np.bool_)
-        for i, limit in limits:
-            limit = float(physical.dtype.type(limit))  # as a saturated value is rounded
-            np.greater_equal(physical[i], limit, out=out[i])
-        return out
+        limits = np.array([b.saturation for b in self.scene.bands], physical.dtype)  # None: NaN, which nothing exceeds
+        if np.isnan(limits).all():
+            return np.zeros((len(physical), 1, 1), np.bool_)
+        return np.asarray(physical >= limits[:, None, None])
 
     def _remove(self, block: Block, physical: Any) -> None:
         """Subtract the glint that the model predicts from `physical`."""
@@ -354,20 +348,14 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, with standard errors.
-
-    Raises FitError, InputError: no band is corrected, no water in the tiles, or a compensation without an error
-    estimate.
-    """
+    """The same correction, with standard errors. Raises InputError, FitError: they cannot be estimated."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
     if work.chain.replaces and not opens:
         raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
-    scene = work.scene
-
-    found = tiling.run(_tiles_of(scene), work.state, threads=threads, start=enter_thread)
-    chosen = [part for _t, part in found if part[1].any()]
+    every = sample_of(list(on_threads(_tiles_of(work.scene), work.training, threads)))
+    chosen = [part for part in zip(every.states, every.inside, strict=True) if part[1].any()]
     if not chosen:
         raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
     before = Sample(*map(tuple, zip(*chosen, strict=True)))
@@ -377,20 +365,19 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
         return replace(work, want_stderr=True, replaced=errors)
     if any(isinstance(stage, Posterior) and stage.resolved for stage in work.chain.after):
         return replace(work, want_stderr=True)
-    left = compensate.fit_removed(after, Setting(scene.bands, tuple(work.model.index_bands) or (0,)), work.model)
+    left = compensate.fit_removed(after, Setting(work.scene.bands, tuple(work.model.index_bands) or (0,)), work.model)
     return replace(work, want_stderr=True, left=left)
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
     """The same correction, with the noise of the corrected bands: pixel noise and rounding in the file."""
-    scales = raster_of(work.scene).info.scales
-    rounded = np.dtype(work.layout.dtype).kind in "iu"
-    found = tiling.run(_tiles_of(work.scene), work.corrected, threads=threads, start=enter_thread)
-    done = [part for _t, part in found]
-    inside = [where for _p, where in done]
-    pixels = [noise([np.nan_to_num(p[b]) for p, _w in done], inside) for b in work.changed]
-    steps = [scales[b] / 12**0.5 if rounded else 0.0 for b in work.changed]
-    return replace(work, noise=tuple(float(np.hypot(n, s)) for n, s in zip(pixels, steps, strict=True)))
+    scales, rounded = raster_of(work.scene).info.scales, np.dtype(work.layout.dtype).kind in "iu"
+    done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
+    found = []
+    for b in work.changed:
+        step = scales[b] / 12**0.5 if rounded else 0.0
+        found.append(float(np.hypot(noise([np.nan_to_num(p[b]) for p in done], inside), step)))
+    return replace(work, noise=tuple(found))
 
 
 def _tiles_of(scene: Scene) -> list[Tile]:

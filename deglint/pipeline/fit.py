@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..compensate import Chain
 from ..errors import DeglintError, FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
-from ..raster.environment import LOOK_READS, enter_thread, environment, limit
+from ..raster.environment import LOOK_READS, environment, limit
 from ..raster.source import Budget
 from ..readers.place import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
@@ -23,10 +24,10 @@ from ..scene import Scene
 from ..tiles import default_threads
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import overview_of, overviews, raster_of, role_bands
+from .overview import overview_of, overviews, raster_of, read_tiles, role_bands
 from .recipe import Recipe, make_request
 from .sample import Job, Progress
-from .sampling import fit_sampled, place_of, with_sample
+from .sampling import Sampled, describe_sample, fit_sampled, place_of
 
 SMALLEST_SCENE = 256
 """Pixels of the smallest scene in which a sample is searched."""
@@ -157,10 +158,10 @@ def _fit_overviews(
     found = recipe.sample == "auto"
     if recipe.regression == "auto":
         request = replace(request, regression="detrended" if found else "ols")
+    note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
-        job = Job(scene, recipe, request, overview, threads, tuple(notes), progress, run, want_sample)
         try:
-            fitted = _fit(job)
+            fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), notes)
         except (NoWaterError, FitError):
             # an overview of a part may have missed the water, or the deep of it: look at more
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
@@ -172,20 +173,15 @@ def _fit_overviews(
     raise AssertionError("unreachable: the last overview is of everything")
 
 
-def _fit(job: Job) -> Fitted:
-    """Fit a recipe to one overview of a scene."""
+def _fit(job: Job, notes: list[str]) -> Fitted:
+    """Fit a recipe to one overview of a scene; `notes` are those so far."""
     recipe, overview = job.recipe, job.overview
-    notes = list(job.notes)
-    if overview.water is not None:
-        if not overview.water.has_water:
-            raise NoWaterError(overview.water.reason)
-        notes.append(overview.water.reason)
-    log_water(overview.water, recipe.mask)
-    sampler = learning.sampler_of(job.scene, recipe, overview, job.threads) if recipe.sample != "auto" else None
+    notes = [*notes, *log_water(overview.water, recipe.mask)]
+    sampler = learning.sampler_of(job) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = learning.read_training(job, sampler, learning.HALO)
-        job = replace(job, progress=None)  # the tiles have been counted
+        job = replace(job, note=None)  # the tiles have been counted
         choice = learning.chosen(job, training)
         method, text = choice.best.method, choice.best.chain
         notes += choice.lines()
@@ -194,7 +190,8 @@ def _fit(job: Job) -> Fitted:
         why(others)
     method = "wiener" if method == "auto" else method
     log.info("compensation: %s", "none" if text == "off" else text)
-    chain, sample, outline, of_sample = Chain(), None, None, list[str]()
+    chain, of_sample = Chain(), list[str]()
+    sampled: Sampled | tuple[None, None] = None, None
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
@@ -204,13 +201,11 @@ def _fit(job: Job) -> Fitted:
         chain, model = learning.fit_training(job, training, sampler, text, method)
         pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
         places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
-        model, sample, outline = with_sample(job, model, pixels, places)
+        sampled = describe_sample(job, model, pixels, places)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        sampler = sampler or learning.sampler_of(job.scene, recipe, overview, job.threads)
-        (model, sample, outline), of_sample = fit_sampled(job, sampler, method)
-    notes += of_sample
+        model, sampled, of_sample = fit_sampled(job, sampler or learning.sampler_of(job), method)
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
@@ -219,7 +214,8 @@ def _fit(job: Job) -> Fitted:
         floor_percentile=0.0 if choice else recipe.floor_percentile,
     )  # fmt: skip
     bands = role_bands(overview.roles)
-    return Fitted(model, resolved, tuple(notes), sample, outline, overview.water, bands, chain, choice)
+    every = (*notes, *of_sample)
+    return Fitted(model, resolved, every, sampled[0], sampled[1], overview.water, bands, chain, choice)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
@@ -238,16 +234,13 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
         raise InputError("the model holds the detector strips of another scene: fit it to this one.")
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    fitted = Fitted(model, resolved, (f"model {model.method}, fitted before",), chain=chain)
+    fitted = Fitted(model, resolved, chain=chain)
     if recipe.mask == "auto":
         overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
         fitted = replace(fitted, water=overview.water, water_bands=role_bands(overview.roles))
-    rule = fitted.water
-    if rule is not None and not rule.has_water:
-        raise NoWaterError(rule.reason)
-    log_water(rule, recipe.mask)
-    log_model(model, fitted.notes)
-    return fitted if rule is None else replace(fitted, notes=(*fitted.notes, rule.reason))
+    note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
+    log_model(model, [note])
+    return replace(fitted, notes=(note, *of_water))
 
 
 @checked_keywords()
@@ -310,9 +303,8 @@ def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) 
     out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
     nir = request.indexes[0].bands[0]
     overview = overview_of(scene, nir, threads, wanted=True)
-    looked = overview.tiles
-    reads = tiling.run(looked, lambda t: scene.source.read(t.window, [nir]), threads=threads, start=enter_thread)
-    valid, total = np.sum([(np.isfinite(block).sum(), block.size) for _tile, block in reads], axis=0)
+    blocks = read_tiles(scene, overview.tiles, [nir], threads)
+    valid, total = np.sum([(np.isfinite(block).sum(), block.size) for block in blocks], axis=0)
     out |= {"valid_fraction": float(valid / total), "looked_at_pixels": int(total)}
     water = overview.water
     try:

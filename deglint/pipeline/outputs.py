@@ -10,15 +10,16 @@ import logging
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import __version__
 from ..checks import as_path, check_choice
 from ..compensate.stages import Chain, chain_from
-from ..errors import DeglintError, InputError
+from ..errors import DeglintError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import environment
 from ..readers.text import read_text
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("deglint.pipeline")
 
-Read = TypeVar("Read")
-COPIED = "no band needs a correction: copied as they are, and not counted by kind"
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
@@ -105,6 +104,10 @@ class PixelCounts:
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
 
+    def by_band(self, name: str, names: Sequence[str]) -> dict[str, Any]:
+        """Counts of each band, by the band's name."""
+        return dict(zip(names, np.broadcast_to(getattr(self, name), len(names)), strict=True))
+
 
 @dataclass(frozen=True)
 class Result:
@@ -135,9 +138,8 @@ class Result:
         pixels = self.sidecar["pixels"]["changed"]
         rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
         rows += [("warning", w) for w in self.warnings]
-        images = [self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])]
-        found = [image for image in images if image is not None]
-        return shown(repr(self), rows, stretched(found) if len(found) == 2 else None)
+        before, after = self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])
+        return shown(repr(self), rows, None if before is None or after is None else stretched([before, after]))
 
     def _middle(self, paths: list[str]) -> FloatArray | None:
         """The central part of the image in some files, if it can be read."""
@@ -191,12 +193,18 @@ def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
     why(notes)
 
 
-def log_water(rule: WaterRule | None, mask: str) -> None:
-    """Log which pixels are corrected."""
-    if rule is not None and rule.has_water:
+def log_water(rule: WaterRule | None, mask: str) -> list[str]:
+    """Log which pixels are corrected; returns the note on the water, if water was looked for.
+
+    Raises NoWaterError: there is none.
+    """
+    if rule is not None:
+        if not rule.has_water:
+            raise NoWaterError(rule.reason)
         log.info("water: %s", rule.reason)
     elif mask != "auto":
         log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
+    return [] if rule is None else [rule.reason]
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
@@ -225,12 +233,7 @@ def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Content of the sidecar, as plain values."""
-    names = scene.names
-
-    def by_band(counts: Any) -> dict[str, Any]:
-        return dict(zip(names, np.broadcast_to(counts, len(names)), strict=True))
-
-    counted = not tally.copied
+    counted, by_band = not tally.copied, partial(tally.by_band, names=scene.names)
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -242,21 +245,21 @@ def sidecar(
         "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
         **fitted.numbers,
-        "skipped": _skipped(fitted, names, tally),
+        "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             "total": tally.total,
             "nodata": tally.nodata if counted else None,
             "not_water": tally.not_water if counted else None,
             "corrected": tally.corrected,
             "protected": tally.protected,
-            "changed": {name: n for name, n in by_band(tally.changed).items() if n},
-            "replaced": by_band(tally.replaced),
-            "negative_after": by_band(tally.negative),
-            "saturated_before": by_band(tally.saturated) if counted else None,
-            "clipped": by_band(tally.clipped),
+            "changed": {name: n for name, n in by_band("changed").items() if n},
+            "replaced": by_band("replaced"),
+            "negative_after": by_band("negative"),
+            "saturated_before": by_band("saturated") if counted else None,
+            "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
-        "warnings": [*fitted.model.warnings, *_losses(names, tally)],
+        "warnings": [*fitted.model.warnings, *_losses(scene.names, tally)],
         "seconds": round(seconds, 3),
     }
 
@@ -274,7 +277,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """Steps that were skipped, and why."""
-    out = {"pixels": COPIED} if tally.copied else {}
+    out = {"pixels": "no band needs a correction: copied as they are, and not counted by kind"} if tally.copied else {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
@@ -282,11 +285,11 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
     elif fitted.water is None:
         out["water mask"] = "no visible band to tell water by: every valid pixel is corrected"
     corrected = {f.band for f in fitted.model.fits}
-    for i, (name, changed) in enumerate(zip(names, np.broadcast_to(tally.changed, len(names)), strict=True)):
+    for i, (name, pixels) in enumerate(tally.by_band("changed", names).items()):
         if i not in corrected:
             reason = "glint reference" if i in fitted.model.index_bands else "not among the bands to correct"
-            replaced = f"no glint removed, {changed} pixels replaced by compensation"
-            out[name] = f"{reason}: {replaced if changed else 'copied'}"
+            replaced = f"no glint removed, {pixels} pixels replaced by compensation"
+            out[name] = f"{reason}: {replaced if pixels else 'copied'}"
     return out
 
 
@@ -300,12 +303,10 @@ def versions() -> dict[str, str]:
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
     """Warnings of values that the output cannot hold, or that are physically impossible."""
-    kinds = {"below zero after correction": tally.negative, "clipped to the integer range": tally.clipped}
     said = []
-    for kind, counts in kinds.items():
-        counted = zip(names, np.broadcast_to(counts, len(names)), strict=True)
-        if bands := ", ".join(f"{name} {n}" for name, n in counted if n):
-            said.append(f"pixels {kind} (of {tally.corrected} corrected): {bands}")
+    for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
+        if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
+            said.append(f"pixels {what} (of {tally.corrected} corrected): {bands}")
     return said
 
 
@@ -331,14 +332,10 @@ def load_chain(path: str) -> Chain:
     Raises ReadError, InputError: no such file, or not a saved compensation.
     """
 
-    def read(text: str) -> Chain:
-        found = json.loads(text).get("compensation")
-        return chain_from(found) if found else Chain()
-
-    return _load(path, read)
+    return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
 
-def _load(path: str, read: Callable[[str], Read]) -> Read:
+def _load(path: str, read: Callable[[str], Any]) -> Any:
     """Read a saved fit; errors name the file."""
     text = read_text(path, "--model")
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -46,8 +46,7 @@ class Overview:
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
     """Overviews of larger and larger parts of the scene, the last of all of it; with a water rule if `wanted`."""
-    found = band_roles(scene)
-    roles = Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir})
+    roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     total = scene.height * scene.width
     known = (scene.sensor or "").startswith(("sentinel2", "landsat"))  # products of reflectance
     for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
@@ -56,7 +55,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
         rule = None
         if wanted and roles.visible and chosen:
             rule = fit_water(
-                read_overview(scene, chosen, roles, threads),
+                read_tiles(scene, chosen, role_bands(roles), threads),
                 _compact(roles),
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_OVERVIEW,
@@ -69,8 +68,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
     """Tiles spread over the scene; in a huge scene only from every n-th row and column of tiles."""
-    step = max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
-    side = step * TILE_SIDE
+    side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
     return tiling.spread(cut, pixels)
@@ -91,7 +89,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     everything = tiling.tiles(scene.height, scene.width, shape)
     # a tile in so many is kept from the start: the list itself must not grow with the scene
     share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
-    found = [t for _t, part in tiling.run(everything, work, threads=at_once, start=enter_thread) for t in part[::share]]
+    found = [t for part in on_threads(everything, work, at_once) for t in part[::share]]
     return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]
 
 
@@ -120,11 +118,14 @@ def _compact(roles: Roles) -> Roles:
     return Roles(nir=place[roles.nir], **index)
 
 
-def read_overview(scene: Scene, chosen: Sequence[Tile], roles: Roles, threads: int) -> list[Any]:
-    """Read the bands that the masks use from some tiles."""
-    bands = list(role_bands(roles))
-    found = tiling.run(chosen, lambda t: scene.source.read(t.window, bands), threads=threads, start=enter_thread)
-    return [block for _tile, block in found]
+def on_threads(tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Any = None) -> Iterator[Any]:
+    """Iterate over the results of work that reads the scene."""
+    return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
+
+
+def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[Any]:
+    """Physical values of some bands of some tiles."""
+    return list(on_threads(tiles, lambda tile: scene.source.read(tile.window, list(bands)), threads))
 
 
 def block_of(scene: Scene) -> tuple[int, int]:

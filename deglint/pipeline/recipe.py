@@ -96,10 +96,11 @@ class Recipe:
                 f"--smallest-object is for the automatic compensation, got --compensate {self.compensate}: "
                 "leave out one of them, or give the size of the element in the stages."
             )
-        if self.compensate not in CHAINS:
-            if hint := nearest(self.compensate, list(CHAINS)):
-                raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
-            parse(self.compensate)
+        if self.compensate in CHAINS:
+            return
+        if hint := nearest(self.compensate, list(CHAINS)):
+            raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
+        parse(self.compensate)
 
     @property
     def chain(self) -> str:
@@ -179,14 +180,9 @@ def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()
-    found = []
-    for group in groups:
-        inside = [(abs(b.wavelength - 842.0), i) for i, b in enumerate(scene.bands)
-                  if b.group == group and b.wavelength and 750 <= b.wavelength <= 1050]  # fmt: skip
-        if not inside:
-            return ()
-        found.append(min(inside)[1])
-    return tuple(found)
+    nir = [(i, b) for i, b in enumerate(scene.bands) if b.wavelength and 750 <= b.wavelength <= 1050]
+    inside = [[(abs((b.wavelength or 0) - 842.0), i) for i, b in nir if b.group == group] for group in groups]
+    return tuple(min(some)[1] for some in inside) if all(inside) else ()
 
 
 SMALLEST_OBJECT = 4.0

@@ -38,14 +38,14 @@ from .sample import tiles_over
 
 CHAIN_COPIES = 3
 """Memory of a tile with a chain relative to a removal alone."""
-
-
 READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
 """Keywords of `remove_glint` for opening the input."""
+WRITING = ("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options", "request",
+           "reads")  # fmt: skip
+"""Keywords for the outputs."""
 
 
-@checked_keywords(*READING, "chain", "flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite",
-                  "dtype", "options", "request", "reads")  # fmt: skip
+@checked_keywords(*READING, "chain", *WRITING)
 def remove_glint(
     source: str | Path | Sequence[str | Path], image: str | Path | Outputs, recipe: Recipe | None = None, *,
     model: GlintModel | None = None, threads: int | None = None, progress: Progress | None = None,
@@ -64,8 +64,7 @@ def remove_glint(
     model : GlintModel, optional
         Apply this model, and `chain`, the compensation that was fitted with it, instead of fitting one.
     threads, cluster : int and Cluster, optional
-        All processors by default; or workers instead of threads (`deglint.pipeline.cluster.connect`), with access to
-        the input. The result is the same to the bit.
+        All processors by default; or workers (`deglint.pipeline.cluster.connect`). The result is the same to the bit.
     progress : callable, optional
         progress(stage, done, total).
     **options
@@ -85,10 +84,9 @@ def remove_glint(
     --------
     >>> remove_glint("scene.tif", "clean.tif", Recipe(method="hedley"))  # doctest: +SKIP
     """
-    reading, chain = {k: options.pop(k) for k in READING if k in options}, options.pop("chain", None)
-    if "model_file" in options:
-        options["model"] = options.pop("model_file")
-    targets = replace(image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image"))), **options)
+    reading = {k: v for k, v in options.items() if k in READING}
+    writing = {k.removesuffix("_file"): v for k, v in options.items() if k in WRITING}
+    targets = replace(image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image"))), **writing)
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
@@ -103,7 +101,7 @@ def remove_glint(
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
         with raster_of(scene):
             if model is not None:
-                fitted = given_model(scene, recipe, model, run.threads, chain)
+                fitted = given_model(scene, recipe, model, run.threads, options.get("chain"))
             else:
                 more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
                 fitted = fit_scene(scene, recipe, threads=run.threads, **more)

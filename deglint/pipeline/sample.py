@@ -20,7 +20,6 @@ from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..morphology import grown
-from ..raster.environment import enter_thread
 from ..readers.areas import open_area, window_area
 from ..readers.place import pixel_size
 from ..readers.sensorfile import optics_of
@@ -30,7 +29,7 @@ from ..remove.strips import Strips, filled
 from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
-from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, read_overview, role_bands, tile_shape_of
+from .overview import OVERVIEW_PIXELS, TILE_SIDE, Overview, on_threads, read_tiles, role_bands, tile_shape_of
 from .recipe import Recipe, smallest_object
 
 Mask = npt.NDArray[np.bool_]
@@ -54,21 +53,19 @@ class Job:
     request: FitRequest
     overview: Overview
     threads: int
-    notes: tuple[str, ...]
-    progress: Progress | None
+    note: Callable[[int, int], None] | None  # called with the number of tiles that are done, and of all
     run: tiling.Run
     want_sample: bool
 
-    def note(self) -> Any:
-        """Progress callback for `tiling.run`."""
-        return None if self.progress is None else partial(self.progress, "fit")
+    def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
+        """Iterate over the results of work on tiles of an overview with a halo, of all bands."""
+        at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
+        return on_threads(tiles, work, at_once, note)
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """The location of the sample: tiles to read, a function that gives its mask in a block, and bounding rows and
-    columns.
-    """
+    """The location of the sample: tiles to read, a function that gives its mask in a block, and its bounds."""
 
     tiles: Sequence[Tile]
     mask: Callable[[Any, Sequence[int], Tile], Mask]
@@ -82,34 +79,33 @@ class Sampler:
         return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
-def sampler_of(scene: Scene, recipe: Recipe, overview: Overview, threads: int) -> Sampler:
+def sampler_of(job: Job) -> Sampler:
     """The sampler for a recipe.
 
     Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
     """
-    if recipe.sample == "auto":
+    scene, sample, overview = job.scene, job.recipe.sample, job.overview
+    if sample == "auto":
         if overview.water is None:
             raise FitError(
                 "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a "
                 "window, or --sample all."
             )
-        rule = fit_sample(read_overview(scene, overview.tiles, overview.roles, threads), overview.water)
-        numbers, bands = {"rule": rule.numbers(), "tiles": len(overview.tiles)}, role_bands(overview.roles)
+        bands = role_bands(overview.roles)
+        rule = fit_sample(read_tiles(scene, overview.tiles, bands, job.threads), overview.water)
+        numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}
 
         def deep(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
             return deep_water(block[[columns.index(b) for b in bands]], rule)
 
         return Sampler(overview.tiles, deep, bands, rule.halo, numbers)
     area = window_area(((0, scene.height), (0, scene.width)))
-    if recipe.sample != "all":
+    if sample != "all":
         # the area of --mask is the sample, too, where no other is given
-        area = open_area(recipe.sample, scene, "--mask" if recipe.sample == recipe.mask else "--sample")
-    note = getattr(area, "note", "")
+        area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
+    numbers = {"crs": note} if (note := getattr(area, "note", "")) else {}
     tiles = tiles_over(scene, area.bounds, tile_shape_of(scene))
-    return Sampler(
-        tiles, lambda _block, _columns, tile: area.read(tile.window), numbers={"crs": note} if note else {},
-        bounds=area.bounds,
-    )  # fmt: skip
+    return Sampler(tiles, lambda _block, _columns, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
@@ -145,13 +141,9 @@ class Training:
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
-def training_reader(
-    scene: Scene, overview: Overview, sampler: Sampler | None, halo: int = 0
-) -> Callable[[Tile], Training]:
-    """Function that reads a training tile with `halo` pixels around it; its sample is that of the sampler, or all open
-    water.
-    """
-    rule, every = overview.water, list(range(len(scene.bands)))
+def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callable[[Tile], Training]:
+    """Function that reads a training tile with a halo; its sample is that of the sampler, or all open water."""
+    scene, rule, every = job.scene, job.overview.water, list(range(len(job.scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
 
@@ -162,7 +154,7 @@ def training_reader(
         place = outer.within(wide)
         block, found = np.ascontiguousarray(read[place]), np.ones(outer.shape, np.bool_)
         if rule is not None and not named:
-            found = np.ascontiguousarray(water([read[b] for b in role_bands(overview.roles)], rule)[place])
+            found = np.ascontiguousarray(water([read[b] for b in role_bands(job.overview.roles)], rule)[place])
         core = tile.within(outer)
         if sampler is None:
             away = away_from_shore(found)[core]
@@ -189,23 +181,23 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
     return Strips.of(second) if second.any() and not second.all() else None
 
 
-def strips_in(scene: Scene, read: Callable[[Tile], Training], threads: int, kinds: SquareKinds) -> Strips:
+def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
     """Strips by a search of the whole scene, after a sample has shown that there are some."""
-    known = np.full((-(-scene.height // CELL), -(-scene.width // CELL)), -1, np.int8)
-    everything = tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
-    found = tiling.run(everything, lambda tile: kinds(read(tile).as_sample()), threads=threads, start=enter_thread)
-    for _tile, (places, second) in found:
+    read, (_bands, height, width) = training_reader(job, sampler), job.scene.shape
+    known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
+    everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
+    for places, second in job.results(everything, lambda tile: kinds(read(tile).as_sample())):
         known[places[:, 0] // CELL, places[:, 1] // CELL] = second
     return Strips.of(filled(known))
 
 
 def setting(job: Job) -> Setting:
     """Properties of the scene that stages need."""
-    optics, wavelengths = optics_of(job.scene), [b.wavelength for b in job.scene.bands]
-    psfs = None
-    if all(w and 300 <= w <= 2500 for w in wavelengths):
+    optics, psfs = optics_of(job.scene), None
+    wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
+    if len(wavelengths) == len(job.scene.bands):
         known = {} if optics is None else {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
-        psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths if w)
+        psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
     return Setting(job.scene.bands, nir, psfs)
 
@@ -215,9 +207,7 @@ def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training
     places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
-    at_once = tiling.affordable(job.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(job.scene.bands))
-    read = training_reader(job.scene, job.overview, sampler, halo)
-    return [t for _p, t in tiling.run(places, read, threads=at_once, start=enter_thread, progress=job.note())]
+    return list(job.results(places, training_reader(job, sampler, halo), halo, job.note))
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
@@ -246,9 +236,7 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles with the sample at least a window away from land, where openings are too dark; unchanged if most of it is
-    nearer.
-    """
+    """Tiles with the sample a window or more from land, where openings are too dark; unchanged if most is nearer."""
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
     return inner if enough else list(tiles)
@@ -261,9 +249,7 @@ def fit_training(
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         return found.chain, found.model
-    read = training_reader(job.scene, job.overview, sampler)
-    at_once = tiling.affordable(job.threads, (TILE_SIDE, TILE_SIDE), 2 * len(job.scene.bands))
-    strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job.scene, read, at_once)
+    strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job, sampler)
     request = replace(job.request, regression="detrended")
     return Chain(), wiener.fit(request, [t.as_sample() for t in training], strips=strips)
 
@@ -276,11 +262,11 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     fine = pixel is not None and pixel < COARSE_PIXEL
     if not fine and rule is not None and rule.window == 1:  # pixels do not resolve sparkle
         sample = without_ships(sample)
+    width = smallest_object(job.recipe.smallest_object, pixel)
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
         return choose(
             sample, setting(job), job.request.correct, lambda method: partial(fit_removal, trial, parts, method),
-            width=smallest_object(job.recipe.smallest_object, pixel),
-            fine=fine, each=pool.map,
+            width=width, fine=fine, each=pool.map,
         )  # fmt: skip
 
 

@@ -42,17 +42,16 @@ READ_MARGIN = 1.1
 
 Place = tuple[Window | None, list[Any]]
 """Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""
-Sampled = tuple[GlintModel, dict[str, Any], dict[str, Any] | None]
-"""A model, the sidecar entries of its sample, and the sample's outline as GeoJSON if requested."""
+Sampled = tuple[dict[str, Any], dict[str, Any] | None]
+"""The sidecar entries of a sample, and its outline as GeoJSON if requested."""
 
 
-def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[Sampled, list[str]]:
+def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sampled, list[str]]:
     """Fit a pointwise method to its sample, in batches if there is a tolerance; also returns notes on the sample."""
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
     pool = sampler.squares(job.scene) if tolerance else sampler.tiles
     model: GlintModel | None = None
-    parts: list[SampleStatistics] = []
-    places: list[Place] = []
+    read: list[tuple[SampleStatistics, list[Place]]] = []
     done, wanted, worst = set[Tile](), OVERVIEW_PIXELS, math.inf
     while len(done) < len(pool) and worst > tolerance:
         batch = [tile for tile in (tiling.spread(pool, wanted) if tolerance else pool) if tile not in done]
@@ -60,18 +59,15 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[Sampled, list[
             wanted = int(wanted * GROWTH[0])
             continue
         done.update(batch)
-        taken = sum(tile.pixels for tile in done)
-        pixels = taken
+        taken = pixels = sum(tile.pixels for tile in done)
         if sampler.bounds and not tolerance:  # the area itself
             pixels = math.prod(high - low for low, high in sampler.bounds)
         share = max(1, -(-pixels // KEPT_PIXELS))
         if tolerance:  # a power of two: each share divides the later ones
             share = 1 << (share - 1).bit_length()
         plan = replace(plan, share=share, levels=math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))))
-        for part, found in _read(job, sampler, plan, batch):
-            parts.append(part)
-            places += found
-        stats = merge(parts, plan)
+        read += _read(job, sampler, plan, batch)
+        stats = merge([part for part, _places in read], plan)
         if tolerance:
             model, errors, cells = _errors(job, method, stats)
             worst = max(errors.values(), default=0.0) if cells >= LEAST_CELLS else math.inf
@@ -84,9 +80,10 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[Sampled, list[
         whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
         numbers["tolerance"], note, doubts = _reached(tolerance, errors, cells, taken, whole)
         notes, model = [note], replace(model, warnings=(*model.warnings, *doubts))
-    model, entries, outline = with_sample(job, model, stats.moments.n, places)
+    places = [place for _part, some in read for place in some]
+    entries, outline = describe_sample(job, model, stats.moments.n, places)
     notes.append(f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(entries['rows_columns'])}")
-    return (model, entries | numbers, outline), notes
+    return model, (entries | numbers, outline), notes
 
 
 def _read(
@@ -109,7 +106,7 @@ def _read(
 
     largest = max(batch, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
-    done = job.run(batch, work, threads=at_once, progress=job.note(), start=enter_thread)
+    done = job.run(batch, work, threads=at_once, progress=job.note, start=enter_thread)
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 
@@ -159,10 +156,9 @@ def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) ->
     return box, to_geojson(mask, (tile.row0, tile.col0), outlined) if outlined else []
 
 
-def with_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
-    """A model with the properties of its sample, whose position is logged."""
-    boxes = np.array([box for box, _ in places if box is not None])
-    box = None
+def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
+    """Properties of the sample of a model; its position is logged."""
+    boxes, box = np.array([box for box, _ in places if box is not None]), None
     if len(boxes):
         (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()
         box = (top, bottom), (left, right)
@@ -177,7 +173,7 @@ def with_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place
         "glint_level": model.level_interval and model.level_interval[2] - model.level_interval[1],
     }
     features = [feature for _, some in places for feature in some]
-    return model, numbers, collection(features, job.scene) if job.want_sample else None
+    return numbers, collection(features, job.scene) if job.want_sample else None
 
 
 def _place(box: Window | None) -> str:
