@@ -8,14 +8,12 @@ nothing there, one below 1 that it does harm.
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,7 +78,6 @@ class Piece:
     part_of: str = ""
 
 
-ANEW: Chosen = "auto", "auto"
 PIECES = {
     "psf": Piece(partial(without, "psf")),
     "targets": Piece(partial(without, "targets")),
@@ -122,17 +119,16 @@ def main(quick: bool) -> None:
     print("## Ablation\n\n" + machine())
     found: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in PIECES}
     names, errors = [], defaultdict(list)
-    with tempfile.TemporaryDirectory() as folder:
-        for group, scene in scenes(Path(folder), quick):
-            image, fitted = deglinted(scene.path)
-            assert fitted.choice is not None
-            error = scene.error(image)
-            names.append(scene.path.stem)
-            errors[group].append(error)
-            for name, piece in PIECES.items():
-                found[name][group].append(ratio(piece, scene, fitted.choice, error))
-            last = ", ".join(f"{name} {groups[group][-1]:.3f}" for name, groups in found.items())
-            print(f"{group} {names[-1]}: {fitted.choice.best.name}, {error:.2f} %; {last}", file=sys.stderr, flush=True)
+    for group, scene in scenes(quick):
+        image, fitted = deglinted(scene.path)
+        assert fitted.choice is not None
+        error = scene.error(image)
+        names.append(scene.path.stem)
+        errors[group].append(error)
+        for name, piece in PIECES.items():
+            found[name][group].append(ratio(piece, scene, fitted.choice, error))
+        last = ", ".join(f"{name} {groups[group][-1]:.3f}" for name, groups in found.items())
+        print(f"{group} {names[-1]}: {fitted.choice.best.name}, {error:.2f} %; {last}", file=sys.stderr, flush=True)
     rows = []
     for name, groups in found.items():
         every = [r for ratios in groups.values() for r in ratios]

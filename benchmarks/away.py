@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SimulatedScene, simulate, simulate_together
 from detect.bench.measure import VISIBLE_BANDS
 
 from .error import DEEP
+from .files import values
 from .scenes import SIDE, deglinted, objects
 from .timing import machine, say
 
@@ -59,7 +59,7 @@ def measure(place: Path, scene: SimulatedScene, glint: int = SIDE) -> tuple[np.n
     image = scene.image.copy()
     image[:, :, glint:] = scene.truth_image[:, :, glint:]
     write_scene(replace(scene, image=image), place / "away", overwrite=True, truth=False)
-    return open_scene(place / "away.tif").read().astype(np.float64), deglinted(place / "away.tif")[0]
+    return values(place / "away.tif"), deglinted(place / "away.tif")[0]
 
 
 def visible(found: Sequence[np.ndarray]) -> str:

@@ -9,19 +9,19 @@ would tell the depth of the one left out.
 from __future__ import annotations
 
 import struct
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from deglint import Recipe, open_scene, remove_glint
+from deglint import Recipe, open_scene
 
+from .files import DATA, removed
 from .timing import say
 
 Array = npt.NDArray[np.float64]
 
-FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real" / "sdb"
+FOLDER = DATA / "real" / "sdb"
 METHODS = ("hedley", "wiener")
 NIR = ("4",)
 BLOCKS = 10
@@ -79,10 +79,7 @@ def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0
 
 def deglinted(image: Path, method: str) -> Array:
     """All bands after removal by a method, without compensation."""
-    with tempfile.TemporaryDirectory() as place:
-        recipe = Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off")
-        remove_glint(image, out := Path(place) / "clean.tif", recipe)
-        return open_scene(out).read().astype(np.float64)
+    return removed(image, Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off"))
 
 
 def main() -> None:

@@ -175,7 +175,7 @@ def glint_mask(folder: Path, _name: str) -> Remove:
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to run a program, and what makes it ready from the folder; `field_features` has the versions."""
+    """A way to run a program, and what makes it ready from the folder."""
 
     name: str
     load: Callable[[Path, str], Remove]

@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 
-from deglint import Recipe, open_scene, remove_glint
+from deglint import Recipe
 from deglint.masks import Roles, fit_water, water
 from deglint.masks.sample import deep_water, fit_sample
 
+from .files import plane, removed, values
 from .implants import SIZES, STEP, Array, survive
 from .timing import say
 
@@ -27,13 +28,6 @@ FEW = 24
 """Targets in a scene, about."""
 RECIPES = {"hedley": Recipe(method="hedley", nir=NIR, mask="none", compensate="off"), "deglint remove": Recipe(nir=NIR)}
 """Hedley as published, and what is done unasked."""
-
-
-def deglinted(source: Path, recipe: Recipe) -> Array:
-    """What a recipe makes of a file, in its own type of number."""
-    with tempfile.TemporaryDirectory() as place:
-        remove_glint(source, out := Path(place) / "clean.tif", recipe)
-        return open_scene(out).read().astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -46,10 +40,10 @@ class Kept:
 
 def kept(folder: Path, name: str, recipe: Recipe) -> Kept:
     """Labelled ships, of whose ring at least a third is water, after a recipe."""
-    image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
-    labels = open_scene(folder / f"{name}_ships.tif").read()[0].astype(int)
+    image = values(folder / f"{name}.tif")
+    labels = plane(folder / f"{name}_ships.tif").astype(int)
     sea = water(image, rule := fit_water([image], Roles(nir=3, blue=0, green=1, red=2)))
-    clean = deglinted(folder / f"{name}.tif", recipe)
+    clean = removed(folder / f"{name}.tif", recipe)
     pairs = [[_contrast(i, labels, sea, n) for i in (image, clean)] for n in range(1, labels.max() + 1)]
     before, after = np.array([p for p in pairs if p[0] is not None], np.float64).swapaxes(0, 1)
     return Kept(after / before, _noise(clean, deep_water(image, fit_sample([image], rule))))
@@ -105,16 +99,16 @@ def targets(folder: Path) -> None:
         ("honolulu", 65535, Roles(nir=3, blue=0, green=1, red=2)),
         ("palau", 10000, Roles(nir=7, blue=1, green=2, red=3)),
     ):
-        image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
+        image = values(folder / f"{name}.tif")
         places = _places(water(image, fit_water([image], roles)))
-        empty = {label: deglinted(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
+        empty = {label: removed(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
         for reflectance in (0.05, 0.1, 0.3):
             cells = []
             with tempfile.TemporaryDirectory() as scratch:
                 path = Path(scratch) / f"{name}.tif"
                 there = _planted(folder / f"{name}.tif", path, places, round(reflectance * unit))
                 for label, recipe in RECIPES.items():
-                    clean = deglinted(path, recipe)
+                    clean = removed(path, recipe)
                     shares = [
                         [(clean[b][p] - empty[label][b][p]).mean() / (there[b][p] - image[b][p]).mean()
                          for b in (roles.blue, roles.green, roles.red)] for p in places
@@ -148,4 +142,4 @@ def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], va
         for place in places:
             values[(slice(None), *place)] = value
         out.write(values)
-    return open_scene(path).read().astype(np.float64)
+    return values(path)

@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 
-from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
@@ -27,7 +26,7 @@ from deglint.simulate import Setup, simulate, thesis_array
 from deglint.simulate.light import light
 from detect.bench.measure import VISIBLE_BANDS
 
-from .error import DATA
+from .files import DATA, plane, values
 
 Array = npt.NDArray[np.float64]
 Curve = Callable[[Array], Array]
@@ -162,9 +161,9 @@ def simulated(place: Path, wind: float, patch: float, seed: int, sensor: Sensor 
 
 
 def _sea(path: Path, sensor: Sensor = SENSOR) -> Sea:
-    parts = [open_scene(path.with_stem(path.stem + e)).read().astype(np.float64) for e in ("", "_truth", "_glint")]
+    parts = [values(path.with_stem(path.stem + e)) for e in ("", "_truth", "_glint")]
     image, truth, glint = (p / scale(sensor) for p in parts)
-    objects = open_scene(path.with_stem(f"{path.stem}_objects")).read()[0]
+    objects = plane(path.with_stem(f"{path.stem}_objects"))
     return Sea(path, np.rint(image), truth, glint, objects, sensor)
 
 

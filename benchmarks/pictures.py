@@ -26,7 +26,7 @@ from deglint.scene import Scene
 from deglint.simulate import Setup, SubmergedObject, simulate
 from detect.bench.measure import rms_error
 
-from .error import DATA
+from .files import DATA, values
 from .scenes import Known, deglinted
 from .timing import ROOT
 
@@ -139,11 +139,6 @@ def wiener(out: Path) -> None:
         titles = [n if n == "truth" else f"{n}: {error:.1f} %" for n, error in errors.items()]
         panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene, 85.0)
         write(out / target, beside(map(doubled, panels), titles))
-
-
-def values(path: Path) -> Image:
-    """Physical values of a file."""
-    return open_scene(path).read().astype(np.float64)
 
 
 def rgb(scene: Scene) -> list[int]:

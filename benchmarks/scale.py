@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .timing import ROOT, machine, table
+from .timing import ROOT, fill, machine, table
 
 BANDS = 8
 TILE = 4096
@@ -31,7 +31,6 @@ SMALL_ROUNDS = 3
 """Rounds of scenes up to the tile's size; the best of them counts."""
 WORST = 1.3
 """Bytes of compressed output a value, at most: what must be free on the disk."""
-MARK = "<!-- measured -->"
 
 TILE_SIDE, TILE_BANDS, PASSES = 10980, 4, 73
 """A Sentinel-2 tile at 10 m: pixels, bands at 10 m, passes a year at one in five days."""
@@ -41,10 +40,13 @@ STORE = 1e9
 """What shared storage moves in all, assumed [byte/s]."""
 
 
-def mosaic(tile: Path, path: Path, side: int) -> None:
-    """A VRT of side x side pixels that repeats the tile."""
+def mosaic(directory: Path, side: int) -> Path:
+    """A VRT of side x side pixels that repeats `tile.tif`; a process of its own writes that where it is not there."""
     import rasterio
 
+    tile, path = directory / "tile.tif", directory / f"{side}.vrt"
+    if not tile.exists():
+        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(tile), str(TILE)], cwd=ROOT, check=True)
     with rasterio.open(tile) as one:
         names, tags, crs, place = one.descriptions, [one.tags(b) for b in one.indexes], one.crs, one.transform.to_gdal()
     step = min(side, TILE)
@@ -65,12 +67,12 @@ def mosaic(tile: Path, path: Path, side: int) -> None:
                 )
         lines.append("</VRTRasterBand>")
     path.write_text("\n".join([*lines, "</VRTDataset>"]))
+    return path
 
 
 def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
     """Run a command on a mosaic, and take its output away again."""
-    scene, out = directory / f"{side}.vrt", directory / "out.tif"
-    mosaic(directory / "tile.tif", scene, side)
+    scene, out = mosaic(directory, side), directory / "out.tif"
     free = shutil.disk_usage(directory).free
     if side**2 * BANDS * WORST > free - 2e9:
         return {"stopped": f"the disk has {free / 1e9:.0f} GB left"}
@@ -106,9 +108,6 @@ def collect(directory: Path, sides: tuple[int, ...]) -> dict[str, Any]:
     """Measure what is not measured yet."""
     kept = directory / "scale.json"
     found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"machine": machine(), "runs": {}}
-    if not (directory / "tile.tif").exists():
-        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(directory / "tile.tif"), "--side", str(TILE),
-                        "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
     found.setdefault("disk", disk_speed(directory))
     for side in sides:
         for what in COMMANDS:
@@ -213,7 +212,4 @@ def main(quick: bool, directory: Path | None, docs: bool) -> None:
         print("\n\n".join(["## Scale", *made]))
         if docs:
             draw(found, ROOT / "docs" / "scale.png")
-            page = ROOT / "docs" / "scale-model.md"
-            parts = page.read_text().split(MARK)
-            parts[1::2] = [f"\n\n{text}\n\n" for text in made]
-            page.write_text(MARK.join(parts))
+            fill(ROOT / "docs" / "scale-model.md", made)

@@ -30,7 +30,7 @@ from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
 from detect.rx import rx
 
-from .error import DATA
+from .files import DATA, plane
 
 Mask = npt.NDArray[np.bool_]
 PORTS = ("gdynia", "athens", "klang", "cartagena")
@@ -60,8 +60,7 @@ class Port:
         with rasterio.open(folder / "ships.tif") as data:
             labels = data.read(1).astype(np.int64)
             area = ground_area(data.transform, data.crs, *labels.shape) or np.nan
-        with rasterio.open(folder / "water.tif") as data:
-            water = data.read(1) > 0
+        water = plane(folder / "water.tif") > 0
         _, parts, stats, _ = cv2.connectedComponentsWithStats((~water).astype(np.uint8), connectivity=8)
         small = stats[:, 4] < 400
         small[0] = False
@@ -115,8 +114,7 @@ def orfeo(image: npt.NDArray[Any], _where: Mask) -> npt.NDArray[np.float32]:
         radii = ["-ir", str(WINDOW["inner"] // 2), "-er", str(WINDOW["outer"] // 2)]
         command = [str(ORFEO), "-in", str(source), "-out", str(out), "float", *radii]
         subprocess.run(command, check=True, capture_output=True)
-        with rasterio.open(out) as data:
-            return np.asarray(data.read(1))
+        return plane(out)
 
 
 DETECTORS = {

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from deglint import open_scene, remove_glint
+from deglint import remove_glint
 from deglint.physics.presets import preset
 from detect.bench.measure import rms_error
 
-from .error import DATA, DEEP
+from .error import DEEP
+from .files import DATA, values
 from .implants import (
     COLOURS,
     SENSOR,
@@ -45,7 +46,7 @@ def deglinted(sea: Sea, place: Path) -> Array:
     """What `deglint remove` makes of a scene, in digital numbers."""
     write(sea, place / "in.tif")
     remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
-    return open_scene(place / "out.tif").read().astype(np.float64) / scale(sea.sensor)
+    return values(place / "out.tif") / scale(sea.sensor)
 
 
 def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:

@@ -74,7 +74,7 @@ def test_children_are_measured_in_turns_and_failures_told(tmp_path):
 def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
     a, b, copied = (tmp_path / name for name in ("a.tif", "b.tif", "copied.tif"))
     for path in (a, b):
-        seas.write_sea(path, 300, dtype="uint16", compress="deflate")
+        seas.write_sea(path, 300)
     floor.copy(str(a), str(copied))
     with rasterio.open(a) as one, rasterio.open(b) as two, rasterio.open(copied) as three:
         assert one.descriptions[6] == "NIR1"
@@ -85,8 +85,9 @@ def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
 
 def test_other_programs_score_what_we_score():
     block, inside = peers.image(5, 24), slice(10, -10)  # at the edges programs shift or cut their windows
-    for jobs in (peers.global_jobs, peers.local_jobs):
-        mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs(block).values())
+    for window in (None, peers.WINDOW):
+        jobs = peers.jobs_of(block, window).values()
+        mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs)
         for theirs in others:
             np.testing.assert_allclose(theirs, mine, rtol=3e-3)  # n or n - 1
 
@@ -172,7 +173,7 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "DATA", tmp_path)
     monkeypatch.setattr(scenes, "OWN", ())
     said = []
-    assert list(scenes.scenes(tmp_path, quick=False, say=said.append)) == []
+    assert list(scenes.scenes(quick=False, say=said.append)) == []
     assert len(said) == 2
     options = {"driver": "GTiff", "height": 4, "width": 4, "dtype": "float32"}
     for name, values in (("s", (3, 9)), ("s_truth", (2, 9)), ("s_mask", (0, 1))):
