@@ -36,6 +36,7 @@ class Facets:
     slope_scale: tuple[float, float]  # factors on the slopes of the grid, below 1 where these exceed what is measured
     sparkle: tuple[float, float]  # variance of the slopes that unresolved waves give facets as a whole
     unresolved: tuple[float, float]  # variance of the slopes about each facet
+    glinting_slope: tuple[float, float]  # of a facet that reflects the sun into the sensor
     glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
     _sparkle: tuple[Any, Any, Any]
     _sky: Array
@@ -62,17 +63,13 @@ class Facets:
         from ._kernels import reflect
 
         packed = self.surface.packed_slopes(time, workers=workers)
-        density, mirrored = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
+        out = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
         azimuth = np.radians(self.setup.wind_from)
-        wind = float(np.sin(azimuth)), float(np.cos(azimuth))
-        wanted = (*_glinting_slope(self.setup), *self.unresolved)
-        given = time, wind, self.slope_scale, wanted, (self._sky, -TABLE_REACH, TABLE_STEP)
-
-        def work(first: int, last: int) -> None:
-            reflect(packed, self._sparkle, density, mirrored, first, last, *given)
-
-        by_rows(work, len(packed), workers)
-        return density, mirrored
+        wind = (float(np.sin(azimuth)), float(np.cos(azimuth)), *self.slope_scale)
+        sparkle, table = (*self._sparkle, time), (self._sky, -TABLE_REACH, TABLE_STEP)
+        wanted = (*self.glinting_slope, *self.unresolved)
+        by_rows(lambda *rows: reflect(packed, sparkle, out, rows, wind, wanted, table), len(packed), workers)
+        return out
 
 
 def facets(setup: Setup, *, workers: int = 1) -> Facets:
@@ -94,11 +91,13 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
     tilts = _pair(unresolved - about)
     drawn = _draw_sparkle(setup, tilts, sparkle, workers)
-    factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
-    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), factor, drawn, table)
+    facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
+    glinting = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
+    factor, table = _glint_factor(setup, facet, glinting), _sky_table(setup, _pair(about))
+    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), glinting, factor, drawn, table)
 
 
-def _pair(values: Array) -> tuple[float, float]:
+def _pair(values: Array | tuple[Array, Array]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
@@ -138,21 +137,10 @@ def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
     return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))
 
 
-def _angles(setup: Setup) -> tuple[float, float, float, float]:
-    return setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth
-
-
-def _glinting_slope(setup: Setup) -> tuple[float, float]:
-    facet = glint.facet(*_angles(setup))
-    up, cross = slopes.to_wind_axes(facet.east, facet.north, setup.wind_from)
-    return float(up), float(cross)
-
-
-def _glint_factor(setup: Setup) -> float:
+def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
     """Radiance per slope density and irradiance, times the ratio of the Gram-Charlier series to a Gaussian."""
-    facet, wanted = glint.facet(*_angles(setup)), _glinting_slope(setup)
-    series = slopes.density(*wanted, slopes.wind_at_height(setup.wind), model=setup.slopes)
-    plain = slopes.gaussian(*wanted, *setup.slope_variance)
+    series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
+    plain = slopes.gaussian(*glinting, *setup.slope_variance)
     factor = glint.radiance(1.0, setup.view_zenith, facet.tilt, facet.incidence)
     return float(factor * series / plain) if plain > 0 else 0.0
 
