@@ -14,9 +14,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from .processes import in_turns
 from .timing import ROOT, fill, machine, table
 
 BANDS = 8
@@ -24,7 +26,7 @@ TILE = 4096
 SIDES = (1024, 2048, 4096, 8192, 16384, 32768)
 COMMANDS = {
     "remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "off"],
-    "score": ["rxdetect", "score", "-q"],
+    "score": ["detect", "score", "-q"],
     "compensate and remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "thesis"],
 }
 SMALL_ROUNDS = 3
@@ -76,18 +78,15 @@ def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
     free = shutil.disk_usage(directory).free
     if side**2 * BANDS * WORST > free - 2e9:
         return {"stopped": f"the disk has {free / 1e9:.0f} GB left"}
-    call = [sys.executable, "-m", "benchmarks.counted", *COMMANDS[what], str(scene), str(out), "--overwrite",
+    call = [sys.executable, "-m", *COMMANDS[what], str(scene), str(out), "--overwrite",
             "--co", "COMPRESS=ZSTD", "--co", "ZSTD_LEVEL=1"]  # fmt: skip
-    runs = []
-    for _ in range(SMALL_ROUNDS if side <= TILE else 1):
-        done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
-        size = out.stat().st_size if out.exists() else 0
-        for left in directory.glob("*out.tif*"):
-            left.unlink()
-        if done.returncode:
-            return {"stopped": (done.stderr.strip().splitlines() or ["failed"])[-1]}
-        runs.append(json.loads(done.stdout.splitlines()[-1]) | {"size": size})
-    return min(runs, key=lambda r: r["cpu"])
+    runs = in_turns({what: call}, SMALL_ROUNDS if side <= TILE else 1)[what]
+    size = out.stat().st_size if out.exists() else 0
+    for left in directory.glob("*out.tif*"):
+        left.unlink()
+    if isinstance(runs, str):
+        return {"stopped": runs}
+    return asdict(min(runs, key=lambda r: r.cpu)) | {"size": size}
 
 
 def disk_speed(directory: Path) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..errors import InputError
+from ._checks import choice
 from .sensor import Sensor, SensorBand
 
 _WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [s] of WorldView-3
@@ -89,7 +89,5 @@ def preset(name: str) -> Sensor:
     >>> preset("worldview3").gsd
     1.24
     """
-    try:
-        return PRESETS[name]
-    except KeyError:
-        raise InputError(f"preset must be one of {', '.join(PRESETS)}, got {name!r}") from None
+    choice("preset", name, PRESETS)
+    return PRESETS[name]
