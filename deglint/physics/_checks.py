@@ -17,10 +17,7 @@ VIEW_LIMIT = 89.0
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
     """The value as float64, NaN kept; InputError if it lies outside [low, high].
 
-    Raises
-    ------
-    InputError
-        A value is below `low` or above `high`, or is not a number.
+    Raises InputError: a value is below `low` or above `high`, or is not a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -59,10 +56,7 @@ def day_number(day: npt.ArrayLike) -> Array:
 def choice(name: str, value: Any, allowed: Any) -> None:
     """Check that a value is one of those allowed.
 
-    Raises
-    ------
-    InputError
-        The value is not among them.
+    Raises InputError: the value is not among them.
     """
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -75,6 +75,8 @@ def facet(
     With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
     (-h_x / h_z, -h_y / h_z) are its slopes.
 
+    Raises InputError: a zenith angle is out of range.
+
     Parameters
     ----------
     sun_zenith, view_zenith : array_like
@@ -85,11 +87,6 @@ def facet(
     Returns
     -------
     Facet
-
-    Raises
-    ------
-    InputError
-        A zenith angle is out of range.
 
     Examples
     --------
@@ -112,6 +109,8 @@ def probability(
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
 
+    Raises InputError: the sensor is too near to the horizon.
+
     Parameters
     ----------
     density : array_like
@@ -125,11 +124,6 @@ def probability(
     -------
     ndarray
         Share [1]; may exceed 1 for a source that is not small.
-
-    Raises
-    ------
-    InputError
-        The sensor is too near to the horizon.
 
     Examples
     --------
@@ -155,6 +149,8 @@ def radiance(
 
     Times pi / cos(sun zenith) it is the glint reflectance.
 
+    Raises InputError: an angle or index is out of range.
+
     Parameters
     ----------
     density : array_like
@@ -163,11 +159,6 @@ def radiance(
         Of the sensor, and of the facet [degree].
     index : array_like
         Refractive index of water [1].
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
 
     Examples
     --------
@@ -180,15 +171,12 @@ def radiance(
 def cone(half_angle: npt.ArrayLike) -> Array:
     """Solid angle of a cone, 2 pi (1 - cos a) [sr].
 
+    Raises InputError: the angle is out of range.
+
     Parameters
     ----------
     half_angle : array_like
         Tolerance around the sun's centre [degree], 0 to 90.
-
-    Raises
-    ------
-    InputError
-        The angle is out of range.
 
     Examples
     --------
@@ -213,6 +201,8 @@ def sun_glint(
 ) -> Glint:
     """Sun glint from angles and wind.
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
@@ -231,11 +221,6 @@ def sun_glint(
     Returns
     -------
     Glint
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
 
     Examples
     --------

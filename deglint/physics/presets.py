@@ -79,10 +79,7 @@ PRESETS: dict[str, Sensor] = {
 def preset(name: str) -> Sensor:
     """Sensor by name.
 
-    Raises
-    ------
-    InputError
-        No such preset; the message lists them.
+    Raises InputError: no such preset; the message lists them.
 
     Examples
     --------

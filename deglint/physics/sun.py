@@ -49,6 +49,8 @@ def position(
 ) -> Position:
     """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
 
+    Raises InputError: a coordinate is out of range, or a time cannot be read.
+
     Parameters
     ----------
     latitude, longitude : array_like
@@ -66,11 +68,6 @@ def position(
     -------
     Position
         Zenith angle above 90 where the sun is below the horizon.
-
-    Raises
-    ------
-    InputError
-        A coordinate is out of range, or a time cannot be read.
 
     Examples
     --------
@@ -90,6 +87,8 @@ def position(
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     """Next sunrise (centre of the sun) within a day, to about a minute.
 
+    Raises InputError: a coordinate is out of range, or the time cannot be read.
+
     Parameters
     ----------
     latitude, longitude : float
@@ -101,11 +100,6 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     -------
     numpy.datetime64
         UTC; NaT where the sun does not rise within a day.
-
-    Raises
-    ------
-    InputError
-        A coordinate is out of range, or the time cannot be read.
 
     Examples
     --------
@@ -124,15 +118,12 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 def distance_factor(day: npt.ArrayLike) -> Array:
     """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
 
+    Raises InputError: the day is out of range.
+
     Parameters
     ----------
     day : array_like
         Day of the year, 1 on the first of January [1], 1 to 367.
-
-    Raises
-    ------
-    InputError
-        The day is out of range.
 
     Examples
     --------
@@ -156,15 +147,12 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 def day_of_year(time: Any) -> Array:
     """Day of the year with its fraction, 1.0 at the start of the first of January UTC.
 
+    Raises InputError: a time cannot be read.
+
     Parameters
     ----------
     time : datetime, str or numpy.datetime64, or a sequence of them
         Times; UTC unless a zone is given.
-
-    Raises
-    ------
-    InputError
-        A time cannot be read.
 
     Examples
     --------
@@ -179,15 +167,12 @@ def day_of_year(time: Any) -> Array:
 def moment(time: Any) -> np.datetime64:
     """A time in UTC to the second.
 
+    Raises InputError: the time cannot be read.
+
     Parameters
     ----------
     time : datetime, str or numpy.datetime64
         UTC unless a zone is given.
-
-    Raises
-    ------
-    InputError
-        The time cannot be read.
 
     Examples
     --------

@@ -114,6 +114,8 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)`` with
     standard normal r1 and r2, so that the expected variance is exactly the sum of ``Psi dkx dky``.
 
+    Raises InputError: the grid is smaller than one peak wave, or too coarse for it.
+
     Parameters
     ----------
     sea : Sea
@@ -123,11 +125,6 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
         The same seed gives the same surface to the bit, whatever `workers` is.
     workers : int
         Threads.
-
-    Raises
-    ------
-    InputError
-        The grid is smaller than one peak wave, or too coarse for it.
 
     Notes
     -----
