@@ -89,10 +89,9 @@ def real(quick: bool) -> None:
     rows = [["nothing done", "", *(f"{block[b][inside].std(dtype=float):.2f}" for b in place), "", "", ""]]
     published = [f"{slope:.6f}" for slope, _ in PUBLISHED.values()], [f"{left:.2f}" for _, left in PUBLISHED.values()]
     rows.append(["recorded: hedley ols", "polygon", *published[1], *published[0]])
-    for sample in (polygon, "auto"):
-        found = combinations(quick) if sample == polygon else [c for c in combinations(quick) if c[1]]
+    regressed = [c for c in combinations(quick) if c[1]]
+    for said, sample, found in (("polygon", polygon, combinations(quick)), ("auto", "auto", regressed)):
         for method, regression in found:
-            said = "polygon" if sample == polygon else "auto"
             recipe = Recipe(method=method, sample=sample, regression=regression or "auto", nir=("B08",), mask="none",
                             compensate="off")  # fmt: skip
             label = f"{method} {regression}".strip()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,23 +29,18 @@ RECIPES = {"hedley": Recipe(method="hedley", nir=NIR, mask="none", compensate="o
 """Hedley as published, and what is done unasked."""
 
 
-@dataclass(frozen=True)
-class Kept:
-    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04."""
+def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
+    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04.
 
-    shares: Array
-    noise: Array
-
-
-def kept(folder: Path, name: str, recipe: Recipe) -> Kept:
-    """Labelled ships, of whose ring at least a third is water, after a recipe."""
+    Ships are those with a label, of whose ring at least a third is water.
+    """
     image = values(folder / f"{name}.tif")
     labels = plane(folder / f"{name}_ships.tif").astype(int)
     sea = water(image, rule := fit_water([image], Roles(nir=3, blue=0, green=1, red=2)))
     clean = removed(folder / f"{name}.tif", recipe)
     pairs = [[_contrast(i, labels, sea, n) for i in (image, clean)] for n in range(1, labels.max() + 1)]
     before, after = np.array([p for p in pairs if p[0] is not None], np.float64).swapaxes(0, 1)
-    return Kept(after / before, _noise(clean, deep_water(image, fit_sample([image], rule))))
+    return after / before, _noise(clean, deep_water(image, fit_sample([image], rule)))
 
 
 def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) -> Array | None:
@@ -84,9 +78,9 @@ def ships(folder: Path) -> None:
     rows = []
     for name in ("casablanca", "honolulu"):
         for label, recipe in RECIPES.items():
-            found = kept(folder, name, recipe)
-            left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in found.shares.T]
-            rows.append([f"{name}, {len(found.shares)} ships", label, *left, *(f"{x:.1f}" for x in found.noise)])
+            shares, noise = kept(folder, name, recipe)
+            left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in shares.T]
+            rows.append([f"{name}, {len(shares)} ships", label, *left, *(f"{x:.1f}" for x in noise)])
     note = "Median share of contrast left / share of ships that keep 80 %; noise of deep water [DN]."
     say("Contrast of ships", ("", "", "B02", "B03", "B04", "noise B02", "B03", "B04"), rows, note)
 

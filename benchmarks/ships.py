@@ -130,12 +130,8 @@ def others(port: Port, image: npt.NDArray[Any], detector: Any) -> list[int]:
     scores = np.nan_to_num(np.asarray(detector(image, port.searched), np.float64), nan=-np.inf)
     scores[~port.searched] = -np.inf
     lowest = np.quantile(scores[port.water], 1 - LOWEST)
-    return port.found([_placed(o, o.score_max) for o in find(scores > lowest, scores)])
-
-
-def _placed(found: Any, score: float) -> tuple[float, Mask, tuple[slice, slice]]:
-    (top, bottom), (left, right) = found.bounds
-    return score, found.footprint, (slice(top, bottom), slice(left, right))
+    return port.found([(o.score_max, o.footprint, np.s_[slice(*o.bounds[0]), slice(*o.bounds[1])])
+                       for o in find(scores > lowest, scores)])  # fmt: skip
 
 
 def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
@@ -146,8 +142,8 @@ def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
     for feature in json.loads(marked.read_text())["features"]:
         known = feature["properties"]
         left, top, width, height = known["window"]
-        objects.append((known["score"], np.ones((height, width), np.bool_),
-                        (slice(top, top + height), slice(left, left + width))))  # fmt: skip
+        box = np.s_[top : top + height, left : left + width]
+        objects.append((known["score"], np.ones((height, width), np.bool_), box))
     return port.found(objects)
 
 

@@ -68,7 +68,7 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
     cosine : ndarray
         Of the incidence in air [1], 0 to 1.
     index : ndarray or float
-        Refractive index of water over that of air [1].
+        See `reflectance`.
 
     Examples
     --------
@@ -86,10 +86,8 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
 
     Parameters
     ----------
-    angle : array_like
-        Incidence in air, from the normal [degree], 0 to 90.
-    index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
+    angle, index : array_like
+        See `reflectance`.
 
     Examples
     --------
@@ -110,10 +108,8 @@ def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_IN
 
     Parameters
     ----------
-    angle : array_like
-        Angle of the ray in air, from the normal [degree], 0 to 90.
-    index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
+    angle, index : array_like
+        Of the ray in air; see `reflectance`.
 
     Examples
     --------

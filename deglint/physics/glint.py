@@ -7,8 +7,7 @@ argument.
 
 References
 ----------
-Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
-glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838.
+Cox, Munk (1954), doi:10.1364/JOSA.44.000838; see `deglint.physics.slopes`.
 """
 
 from __future__ import annotations
@@ -153,12 +152,10 @@ def radiance(
 
     Parameters
     ----------
-    density : array_like
-        Density of slopes p at the facet that glints [1].
-    view_zenith, tilt, incidence : array_like
-        Of the sensor, and of the facet [degree].
-    index : array_like
-        Refractive index of water [1].
+    density, view_zenith, tilt : array_like
+        See `probability`.
+    incidence, index : array_like
+        Angle between facet and sun [degree], and refractive index of water [1].
 
     Examples
     --------

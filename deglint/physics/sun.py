@@ -6,8 +6,7 @@ azimuth are as seen from the place; by default the zenith angle includes refract
 References
 ----------
 Reda, Andreas (2004), "Solar position algorithm for solar radiation applications", Solar Energy 76,
-577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990), "A simple spectral solar irradiance model
-for cloudless maritime atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657.
+577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990); see `deglint.physics.atmosphere`.
 """
 
 from __future__ import annotations
@@ -91,10 +90,8 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
     Parameters
     ----------
-    latitude, longitude : float
-        Of the place, north and east positive [degree].
-    time : datetime, str or numpy.datetime64
-        Start of the search; UTC unless a zone is given.
+    latitude, longitude, time
+        Place, and start of the search; see `position`.
 
     Returns
     -------
@@ -145,14 +142,9 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 
 
 def day_of_year(time: Any) -> Array:
-    """Day of the year with its fraction, 1.0 at the start of the first of January UTC.
+    """Day of the year with its fraction, 1.0 at the start of the first of January UTC, for times as in `position`.
 
     Raises InputError: a time cannot be read.
-
-    Parameters
-    ----------
-    time : datetime, str or numpy.datetime64, or a sequence of them
-        Times; UTC unless a zone is given.
 
     Examples
     --------
@@ -165,14 +157,9 @@ def day_of_year(time: Any) -> Array:
 
 
 def moment(time: Any) -> np.datetime64:
-    """A time in UTC to the second.
+    """A time as in `position`, in UTC to the second.
 
     Raises InputError: the time cannot be read.
-
-    Parameters
-    ----------
-    time : datetime, str or numpy.datetime64
-        UTC unless a zone is given.
 
     Examples
     --------

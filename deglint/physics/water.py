@@ -69,11 +69,6 @@ def remote_sensing_reflectance(
     model : str
         One of `WATER_MODELS`.
 
-    Returns
-    -------
-    ndarray
-        Water-leaving radiance over irradiance, both just above the surface [1/sr].
-
     Examples
     --------
     >>> float(remote_sensing_reflectance(490, 0.5, 30, 0, 0).round(5))
@@ -108,11 +103,6 @@ def object_reflectance(
         Of the object, 0 to 1 [1].
     direct_fraction : array_like
         Direct over total irradiance above the surface, 0 to 1 [1].
-
-    Returns
-    -------
-    ndarray
-        Water-leaving radiance over irradiance, both just above the surface [1/sr].
 
     Examples
     --------

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..physics import fresnel, glint, sky, slopes
 from ..physics.spectra import dispersion
 from ..physics.surface import Surface, by_rows, normals, realise
-from ..physics.waves import SHORTEST_WAVE, omnidirectional
+from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
 Array = npt.NDArray[np.floating[Any]]
@@ -125,15 +125,14 @@ def _draw_sparkle(
     by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
     if max(setup.times) == 0:  # nothing moves
         return amplitudes, np.zeros(shape, np.uint16), np.zeros(1)
-    frequencies = _sparkle_frequencies(setup)
+    frequencies = sparkle_frequencies(setup.sea, setup.facet)
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 
-def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
-    """Angular frequencies with equal shares of the unresolved slope variance [rad/s]."""
-    shortest = min(SHORTEST_WAVE, setup.facet)
-    k = np.geomspace(np.pi / setup.facet, 2 * np.pi / shortest, 4001)
-    share = np.cumsum(omnidirectional(k, setup.sea) * k**3)
+def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Array:
+    """Angular frequencies with equal shares of the slope variance that facets of a size [m] do not resolve [rad/s]."""
+    k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
+    share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))
 
 
