@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from deglint.errors import DeglintError
 from deglint.pipeline import sample
 from deglint.remove import wiener
 
-from .scenes import Known, changed, deglinted, scenes
+from .scenes import Known, deglinted, scenes
 from .timing import machine, say
 
 Chosen = tuple[str, str]
@@ -74,7 +75,7 @@ class Piece:
     """A piece: the recipe without it, by the choice; what is replaced; and in which chains it is at all."""
 
     recipe: Callable[[Choice], Chosen] = same
-    change: Callable[[], AbstractContextManager[None]] = nullcontext
+    change: Callable[[], AbstractContextManager[Any]] = nullcontext
     part_of: str = ""
 
 
@@ -82,12 +83,12 @@ PIECES = {
     "psf": Piece(partial(without, "psf")),
     "targets": Piece(partial(without, "targets")),
     "posterior": Piece(partial(without, "posterior")),
-    "outlines": Piece(same, lambda: changed(background, "_limit", lambda *_: None), "identify-level"),
-    "ringing": Piece(same, lambda: changed(background, "ringing", nothing), "identify-level"),
-    "red edge as reference": Piece(same, lambda: changed(sample, "more_references", nothing), "posterior"),
-    "faint weighting": Piece(same, lambda: changed(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
+    "outlines": Piece(same, lambda: patch.object(background, "_limit", lambda *_: None), "identify-level"),
+    "ringing": Piece(same, lambda: patch.object(background, "ringing", nothing), "identify-level"),
+    "red edge as reference": Piece(same, lambda: patch.object(sample, "more_references", nothing), "posterior"),
+    "faint weighting": Piece(same, lambda: patch.object(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
     "second window": Piece(
-        lambda _: ("auto", "auto"), lambda: changed(CANDIDATES, "windows", partial(first, CANDIDATES.windows))
+        lambda _: ("auto", "auto"), lambda: patch.object(CANDIDATES, "windows", partial(first, CANDIDATES.windows))
     ),
     "choice: always opening": Piece(opened),
     "choice: always wiener": Piece(lambda _: ("wiener", "off")),

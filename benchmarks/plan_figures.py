@@ -67,7 +67,8 @@ def facet_sum(plan, step):
     """The thesis' glint probability (eq. 2.24): density times cell, over the cells that mirror the true disk."""
     sun_zenith, sun_azimuth = plan.mission.sun
     facet = glint.facet(sun_zenith, sun_azimuth, plan.zenith[:, None], plan.azimuth)
-    to_sun, to_sensor = unit(sun_zenith, sun_azimuth), unit(plan.zenith[:, None], plan.azimuth)
+    to_sun = glint.direction(sun_zenith, sun_azimuth)
+    to_sensor = glint.direction(plan.zenith[:, None], plan.azimuth)
     found = np.zeros(facet.east.shape)
     for i in range(-2, 3):
         for j in range(-2, 3):
@@ -80,11 +81,6 @@ def facet_sum(plan, step):
             density = slopes.density(*slopes.to_wind_axes(east, north, plan.mission.wind_from), 9.0)
             found += hit * density * step**2
     return found
-
-
-def unit(zenith, azimuth):
-    z, a = np.radians(zenith), np.radians(azimuth)
-    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z) * np.ones_like(a)
 
 
 def glint_2_10(plan):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -152,14 +151,3 @@ def scenes(quick: bool, say: Callable[[str], None] = print) -> Iterator[tuple[st
     with tempfile.TemporaryDirectory() as folder:
         for case in OWN[: 3 if quick else None]:
             yield "own seeds", Known.of(case.written(Path(folder)))
-
-
-@contextmanager
-def changed(home: Any, name: str, value: Any) -> Iterator[None]:
-    """A name of a module replaced for a while."""
-    before = getattr(home, name)
-    setattr(home, name, value)
-    try:
-        yield
-    finally:
-        setattr(home, name, before)

@@ -63,6 +63,12 @@ class Glint(NamedTuple):
     tilt: Array
 
 
+def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Unit vector (east, north, up) of a zenith angle and an azimuth [degree]."""
+    z, a = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in (zenith, azimuth))
+    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)
+
+
 def facet(
     sun_zenith: npt.ArrayLike,
     sun_azimuth: npt.ArrayLike,
@@ -92,8 +98,8 @@ def facet(
     >>> float(facet(20.5, 270.2, 0.0, 0.0).tilt.round(2))
     10.25
     """
-    to_sun = _direction(sun_angle(sun_zenith), sun_azimuth)
-    to_sensor = _direction(view_angle(view_zenith), view_azimuth)
+    to_sun = direction(sun_angle(sun_zenith), sun_azimuth)
+    to_sensor = direction(view_angle(view_zenith), view_azimuth)
     x, y, z = (a + b for a, b in zip(to_sun, to_sensor, strict=True))
     apart = np.sqrt(sum((a - b) ** 2 for a, b in zip(to_sun, to_sensor, strict=True)))
     level = np.hypot(x, y)
@@ -228,9 +234,3 @@ def sun_glint(
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
     share = probability(density, view_zenith, tilt, solid_angle)
     return Glint(radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt)
-
-
-def _direction(zenith: Array, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
-    """Unit vector (east, north, up)."""
-    z, a = np.radians(zenith), np.radians(np.asarray(azimuth, dtype=np.float64))
-    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)

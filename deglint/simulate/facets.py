@@ -155,13 +155,12 @@ def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
     east, north = slopes.from_wind_axes(axis[:, None], axis[None, :], setup.wind_from)
     level = np.sqrt(1 + east**2 + north**2)
     normal = np.stack([-east, -north, np.ones_like(east)]) / level
-    zenith, azimuth = np.radians(setup.view_zenith), np.radians(setup.view_azimuth)
-    view = np.array([np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)])
+    view = np.array(glint.direction(setup.view_zenith, setup.view_azimuth))
     cosine = np.clip(np.tensordot(view, normal, 1), 0.0, 1.0)
     east, north, up = 2 * cosine * normal - view[:, None, None]
     away = np.degrees(np.arccos(np.clip(up, 0.0, 1.0)))  # a ray that goes down again meets the horizon
     turn = np.degrees(np.arctan2(east, north)) % 360
     seen = sky.radiance(away, turn, setup.sun_zenith, setup.sun_azimuth, model=setup.sky)
-    mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / np.cos(zenith)
+    mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / view[2]
     sigma = [float(np.sqrt(v)) / TABLE_STEP for v in about]
     return gaussian_filter(mirrored, sigma, mode="nearest").astype(np.float32)
