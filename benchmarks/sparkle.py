@@ -1,13 +1,11 @@
 """How much do pixels of 25 cm sparkle? Facets of 6 cm with a patch size, against waves resolved to 1 mm.
 
-    python benchmarks/sparkle.py [--wind 9] [--seeds 10]
+    python -m benchmarks sparkle [--wind 9] [--rounds 10]
 
 Prints, for glint far from the specular point and near it, the coefficient of variation of the pixels and
 their correlation after 10, 60 and 120 ms. The patch that comes nearest is what `Setup.patch` should be. Seas
 of 2 m only, so that 1 mm can be afforded: the longer waves tilt both in the same way.
 """
-
-import argparse
 
 import numpy as np
 
@@ -60,23 +58,16 @@ def report(name, values):
     print(f"{name:<22}{start.std() / start.mean():6.2f}   {alike}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--wind", type=float, default=9.0)
-    parser.add_argument("--seeds", type=int, default=10)
-    given = parser.parse_args()
+def main(wind, rounds):
+    count = rounds or 10
     surface._check_grid = lambda *_: None  # the peak wave is left out on purpose
-    sea = Sea(wind=given.wind)
+    sea = Sea(wind=wind)
     frequencies = sparkle_frequencies(sea, SIDE / COARSE)
     for far in (2.2, 1.0):
         print(f"\nglint at {far:g} sigma      CV     10 ms  60 ms 120 ms")
-        fine = [resolved(sea, seed, far) for seed in range(given.seeds)]
+        fine = [resolved(sea, seed, far) for seed in range(count)]
         report("resolved to 1 mm", [f for f, _ in fine])
         for patch in PATCHES:
-            seeds = range(1000, 1000 + 6 * given.seeds)
+            seeds = range(1000, 1000 + 6 * count)
             made = [faceted(sea, s, far, fine[0][1], patch, frequencies) for s in seeds]
             report(f"patch {1000 * patch:g} mm", made)
-
-
-if __name__ == "__main__":
-    main()

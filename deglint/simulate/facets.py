@@ -79,8 +79,8 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     -----
     Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
     A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
-    drawn for each facet. Linear waves resolved to 1 mm (``benchmarks/sparkle.py``) have little sparkle at pixels of 25
-    cm: every facet contains most of the unresolved slopes.
+    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
+    of 25 cm: every facet contains most of the unresolved slopes.
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
     surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
