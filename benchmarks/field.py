@@ -23,14 +23,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from deglint import Recipe, correct, fit_scene, open_scene
+from deglint import Recipe, open_scene
 from deglint.errors import DeglintError
 
 from .field_peers import PEERS, Remove, Told
 from .files import DATA, plane, values
 from .implants import Sea, contrast, implant, scale, shared, survive, write
 from .rates import laid_out
-from .scenes import Known, scenes
+from .scenes import Known, deglinted, scenes
 from .timing import ROOT, fill, in_turns, machine, table
 
 Array = npt.NDArray[np.floating[Any]]
@@ -69,16 +69,6 @@ def told_of(known: Known) -> Told:
     return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR))), known.visible, waves, deep)
 
 
-def own(recipe: Recipe | None = None) -> Run:
-    """What deglint makes of a file; it is told nothing."""
-
-    def run(path: Path, _told: Told) -> Array:
-        scene = open_scene(path)
-        return np.asarray(correct(scene, fit_scene(scene, recipe)), np.float64)
-
-    return run
-
-
 def other(remove: Remove) -> Run:
     """What another program makes of an array; what it says is not shown."""
 
@@ -94,8 +84,8 @@ def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
     """What can run, by name, and why the rest cannot."""
     ready: dict[str, Run] = {
         "raw": lambda _path, told: told.image,
-        "deglint remove": own(),
-        "deglint, Hedley": own(Recipe(method="hedley", compensate="off")),
+        "deglint remove": lambda path, _told: deglinted(path)[0],
+        "deglint, Hedley": lambda path, _told: deglinted(path, Recipe(method="hedley", compensate="off"))[0],
     }
     missing = {}
     for peer in PEERS:

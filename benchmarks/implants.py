@@ -115,7 +115,8 @@ def implant(
     """The scene with targets on a grid, every second seed off the grid of the pixels; not over the squares."""
     rng, image, truth = np.random.default_rng(seed), sea.image.copy(), sea.truth.copy()
     taken = cv2.dilate((sea.objects > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
-    half, found, queue, steep = SIDE // 2, [], [], noise_model(sea.sensor)[0]
+    half, found, queue, gain = SIDE // 2, [], [], sea.sensor.well / sea.sensor.levels
+    dark = (sea.sensor.read_noise / gain) ** 2 + 1 / 12  # variance of digital numbers at 0
     for row in range(20, image.shape[1] - 20, step):
         for column in range(20, image.shape[2] - 20, step):
             if taken[row, column]:
@@ -127,7 +128,7 @@ def implant(
             place = slice(None), slice(row - half, row + half + 1), slice(column - half, column + half + 1)
             own = (reflectance(colour, sea.sensor) * white(sea.sensor))[:, None, None]
             clean = (sea.truth[place] + sea.glint[place]) * (1 - part) + part * own
-            noisy = clean + np.sqrt(steep[0] + steep[1] * clean) * rng.standard_normal(clean.shape)
+            noisy = clean + np.sqrt(dark + 1 / gain * clean) * rng.standard_normal(clean.shape)
             image[place] = np.where(part > 2e-3, np.clip(np.rint(noisy), 0, sea.sensor.levels), image[place])
             truth[place] = truth[place] * (1 - part) + part * own
             found.append(Target(colour, size, row, column))
@@ -177,9 +178,3 @@ def write(sea: Sea, path: Path) -> None:
 def survive(shares: Array) -> float:
     """Share of the targets that keep 80 to 125 % of their contrast."""
     return float(((shares >= LEAST) & (shares <= MOST)).mean())
-
-
-def noise_model(sensor: Sensor) -> Array:
-    """Variance of digital numbers at 0, and its increase per digital number, (band, 2)."""
-    gain = sensor.well / sensor.levels
-    return np.array([[(sensor.read_noise / gain) ** 2 + 1 / 12, 1 / gain]] * len(sensor.bands))

@@ -44,8 +44,10 @@ def view_angle(view_zenith: npt.ArrayLike) -> Array:
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
     """Latitude and longitude [degree]."""
-    north = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
-    return north, within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+    remedy = "North is positive. Are latitude and longitude swapped?"
+    return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
+        "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
+    )
 
 
 def day_number(day: npt.ArrayLike) -> Array:

@@ -193,10 +193,7 @@ def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
     what, *more = words(found)
     count = len(found.winds[0]) * len(found.winds[1])
     blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
-    legend = (
-        ("/", ORANGE, "excluded under every wind"),
-        (".", ORANGE, "excluded under some of these winds"),
-    )
+    legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")
     top = float(good.max())
     shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)
     caption = Caption("Where to look from", blows, what, " ".join(more), legend, top)
