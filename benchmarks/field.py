@@ -249,6 +249,7 @@ def main(quick: bool, directory: Path | None, docs: bool) -> None:
         print(f"{name}: not at hand ({why})")
     side = 512 if quick else 2048
     made = parts(measured(ready, quick), times(ready, quick, side), missing, side)
-    print("\n\n".join(made))
+    for title, text in zip(("Field", "Error [%]", "Kept, and cost", "Another is better on"), made, strict=True):
+        print(f"\n## {title}\n\n{text}")
     if docs:
         fill(ROOT / "docs" / "field.md", made)

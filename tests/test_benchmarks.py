@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from benchmarks import ablation, away, floor, peers, scenes, seas, size, uncertainty, varied
+from benchmarks import ablation, away, floor, peers, scenes, seas, size, timing, uncertainty, varied
 from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
@@ -135,6 +135,17 @@ def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
     assert "the disk has 1 GB left" in text
     hours = (73 * 2 + 73 * 10980**2 * 4 / 1e6 * 0.03) / 60
     assert f"{hours:.3g} min" in text
+
+
+def test_measured_parts_of_a_page_are_replaced(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"a\n\n{timing.MARK}\n\nold\n\n{timing.MARK}\n\nb\n")
+    timing.fill(page, ["new"])
+    assert page.read_text() == f"a\n\n{timing.MARK}\n\nnew\n\n{timing.MARK}\n\nb\n"
+    with pytest.raises(ValueError, match=r"page\.md needs .* each of 2 parts"):
+        timing.fill(page, ["one", "two"])
+    pages = {"benchmark": 1, "detection": 4, "field": 4, "scale-model": 4}
+    assert {n: (ROOT / "docs" / f"{n}.md").read_text().count(timing.MARK) // 2 for n in pages} == pages
 
 
 def choice(*chains, best=-1):

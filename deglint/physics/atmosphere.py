@@ -237,10 +237,8 @@ def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike)
 
     Parameters
     ----------
-    latitude, longitude : array_like
-        North and east positive [degree].
-    day : array_like
-        Day of the year.
+    latitude, longitude, day : array_like
+        North and east positive [degree], and day of the year.
 
     Examples
     --------

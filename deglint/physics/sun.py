@@ -56,10 +56,8 @@ def position(
         Of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64, or a sequence of them
         Times; UTC unless a zone is given.
-    pressure : float
-        Of the air, for refraction [hPa].
-    temperature : float
-        Of the air, for refraction [degree Celsius].
+    pressure, temperature : float
+        Of the air, for refraction [hPa], [degree Celsius].
     refraction : bool
         Return the apparent zenith angle, with refraction; else the geometric one.
 

@@ -183,11 +183,7 @@ def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimut
 
     Parameters
     ----------
-    sun_zenith : float
-        [degree]
-    view_zenith : (zenith,) array_like
-        [degree]
-    relative_azimuth : (azimuth,) array_like
+    sun_zenith, view_zenith, relative_azimuth : float, (zenith,) array_like, (azimuth,) array_like
         See `remote_sensing_reflectance` [degree].
 
     Returns
