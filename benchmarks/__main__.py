@@ -8,8 +8,9 @@ from inspect import signature
 from pathlib import Path
 
 BENCHMARKS = (
-    "ablation", "away", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan", "rates",
-    "scale", "size", "stress", "targets", "uncertainty", "varied", "workers",
+    "ablation", "away", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan",
+    "plan_figures", "rates", "scale", "size", "sparkle", "spreading", "stress", "targets", "uncertainty", "varied",
+    "workers",
 )  # fmt: skip
 """Modules with a `main`, which takes the options below that it has parameters for."""
 
@@ -23,14 +24,15 @@ def main() -> None:
     )
     parser.add_argument("what", choices=BENCHMARKS)
     parser.add_argument("--quick", action="store_true", help="less of everything")
-    parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything")
+    parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything; sparkle: seeds")
+    parser.add_argument("--wind", type=float, default=9.0, help="sparkle, spreading: at 10 m [m/s]; 9 by default")
     parser.add_argument(
         "--directory",
         type=Path,
         help="rates, scale, workers: where scratch files go; detection: where the scenes lie; "
-        "field: where the other programs lie; pictures: where they go, docs by default",
+        "field: where the other programs lie; pictures, plan_figures: where they go, docs by default",
     )
-    parser.add_argument("--docs", action="store_true", help="detection, field, scale: write the pages of docs/, too")
+    parser.add_argument("--docs", action="store_true", help="detection, field, scale, spreading: write into docs/, too")
     given = vars(parser.parse_args())
     run = import_module(f"benchmarks.{given['what']}").main
     run(**{name: value for name, value in given.items() if name in signature(run).parameters})

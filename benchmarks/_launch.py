@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def once(command: list[str]) -> list[float] | str:
-    """Wall and processor time [s] and peak resident memory [MB] of a command, or the last line that it wrote."""
+    """Measurements of a command as `processes.Run` has them, or the last line that it wrote."""
     os.sync()  # earlier runs must not leave data to be written during this one
     start = time.perf_counter()
     try:
@@ -21,6 +21,10 @@ def once(command: list[str]) -> list[float] | str:
         return f"cannot start {command[0]}: {error.strerror}"
     assert child.stderr is not None
     written = child.stderr.read()
+    moved, counts = Path(f"/proc/{child.pid}/io"), [0, 0]
+    if moved.exists():  # on Linux, until the process is waited for
+        os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+        counts = [int(line.split()[1]) for line in moved.read_text().splitlines()[:2]]
     _, status, usage = os.wait4(child.pid, 0)
     wall = time.perf_counter() - start
     child.stderr.close()
@@ -29,7 +33,7 @@ def once(command: list[str]) -> list[float] | str:
         lines = written.decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"exit code {child.returncode}"
     unit = 1 if sys.platform == "darwin" else 1024
-    return [wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6]
+    return [wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e6, *counts]
 
 
 def main() -> None:

@@ -8,15 +8,14 @@ nothing there, one below 1 that it does harm.
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from deglint.errors import DeglintError
 from deglint.pipeline import sample
 from deglint.remove import wiener
 
-from .scenes import Known, changed, deglinted, scenes
+from .scenes import Known, deglinted, scenes
 from .timing import machine, say
 
 Chosen = tuple[str, str]
@@ -76,21 +75,20 @@ class Piece:
     """A piece: the recipe without it, by the choice; what is replaced; and in which chains it is at all."""
 
     recipe: Callable[[Choice], Chosen] = same
-    change: Callable[[], AbstractContextManager[None]] = nullcontext
+    change: Callable[[], AbstractContextManager[Any]] = nullcontext
     part_of: str = ""
 
 
-ANEW: Chosen = "auto", "auto"
 PIECES = {
     "psf": Piece(partial(without, "psf")),
     "targets": Piece(partial(without, "targets")),
     "posterior": Piece(partial(without, "posterior")),
-    "outlines": Piece(same, lambda: changed(background, "_limit", lambda *_: None), "identify-level"),
-    "ringing": Piece(same, lambda: changed(background, "ringing", nothing), "identify-level"),
-    "red edge as reference": Piece(same, lambda: changed(sample, "more_references", nothing), "posterior"),
-    "faint weighting": Piece(same, lambda: changed(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
+    "outlines": Piece(same, lambda: patch.object(background, "_limit", lambda *_: None), "identify-level"),
+    "ringing": Piece(same, lambda: patch.object(background, "ringing", nothing), "identify-level"),
+    "red edge as reference": Piece(same, lambda: patch.object(sample, "more_references", nothing), "posterior"),
+    "faint weighting": Piece(same, lambda: patch.object(wiener, "fit", partial(evenly, wiener.fit)), "posterior"),
     "second window": Piece(
-        lambda _: ("auto", "auto"), lambda: changed(CANDIDATES, "windows", partial(first, CANDIDATES.windows))
+        lambda _: ("auto", "auto"), lambda: patch.object(CANDIDATES, "windows", partial(first, CANDIDATES.windows))
     ),
     "choice: always opening": Piece(opened),
     "choice: always wiener": Piece(lambda _: ("wiener", "off")),
@@ -122,17 +120,16 @@ def main(quick: bool) -> None:
     print("## Ablation\n\n" + machine())
     found: dict[str, dict[str, list[float]]] = {name: defaultdict(list) for name in PIECES}
     names, errors = [], defaultdict(list)
-    with tempfile.TemporaryDirectory() as folder:
-        for group, scene in scenes(Path(folder), quick):
-            image, fitted = deglinted(scene.path)
-            assert fitted.choice is not None
-            error = scene.error(image)
-            names.append(scene.path.stem)
-            errors[group].append(error)
-            for name, piece in PIECES.items():
-                found[name][group].append(ratio(piece, scene, fitted.choice, error))
-            last = ", ".join(f"{name} {groups[group][-1]:.3f}" for name, groups in found.items())
-            print(f"{group} {names[-1]}: {fitted.choice.best.name}, {error:.2f} %; {last}", file=sys.stderr, flush=True)
+    for group, scene in scenes(quick):
+        image, fitted = deglinted(scene.path)
+        assert fitted.choice is not None
+        error = scene.error(image)
+        names.append(scene.path.stem)
+        errors[group].append(error)
+        for name, piece in PIECES.items():
+            found[name][group].append(ratio(piece, scene, fitted.choice, error))
+        last = ", ".join(f"{name} {groups[group][-1]:.3f}" for name, groups in found.items())
+        print(f"{group} {names[-1]}: {fitted.choice.best.name}, {error:.2f} %; {last}", file=sys.stderr, flush=True)
     rows = []
     for name, groups in found.items():
         every = [r for ratios in groups.values() for r in ratios]

@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import rasterio
 
 from deglint import remove_glint
 from detect.pipeline import Recipe, score_file
 
-from .error import DATA
+from .files import DATA, plane
 from .ships import BANDS, PORTS, grown
 
 RATES = (1e-3, 1e-4)
@@ -65,22 +63,16 @@ def observed(scene: Labelled, scratch: Path) -> list[tuple[float, str, int]]:
     out = []
     for rate in RATES:
         score_file(clean, scratch / "scores.tif", Recipe(pfa=rate), overwrite=True)
-        with rasterio.open(scratch / "scores.tif") as data:
-            scores = data.read(1)
+        scores = plane(scratch / "scores.tif")
         counted = np.isfinite(scores)
         if scene.targets is not None:
-            counted &= ~grown(_read(scene.targets) > 0, NEAR)
+            counted &= ~grown(plane(scene.targets) > 0, NEAR)
         if scene.water is not None:
-            counted &= _read(scene.water) > 0
+            counted &= plane(scene.water) > 0
         said: dict[str, Any] = json.loads((scratch / "scores.tif.json").read_text())["threshold"]
         share = float((scores[counted] > said["value"]).mean()) / rate
         out.append((share, said["method"], round(rate * np.count_nonzero(counted))))
     return out
-
-
-def _read(path: Path) -> npt.NDArray[Any]:
-    with rasterio.open(path) as data:
-        return np.asarray(data.read(1))
 
 
 def tables(directory: Path | None) -> Iterator[tuple[str, tuple[str, ...], list[list[str]]]]:

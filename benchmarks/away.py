@@ -7,19 +7,20 @@ without its glint.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SimulatedScene, simulate, simulate_together
 from detect.bench.measure import VISIBLE_BANDS
 
 from .error import DEEP
+from .files import values
 from .scenes import SIDE, deglinted, objects
 from .timing import machine, say
 
@@ -59,7 +60,7 @@ def measure(place: Path, scene: SimulatedScene, glint: int = SIDE) -> tuple[np.n
     image = scene.image.copy()
     image[:, :, glint:] = scene.truth_image[:, :, glint:]
     write_scene(replace(scene, image=image), place / "away", overwrite=True, truth=False)
-    return open_scene(place / "away.tif").read().astype(np.float64), deglinted(place / "away.tif")[0]
+    return values(place / "away.tif"), deglinted(place / "away.tif")[0]
 
 
 def visible(found: Sequence[np.ndarray]) -> str:
@@ -73,30 +74,31 @@ def told(ratios: Sequence[np.ndarray]) -> tuple[str, str]:
     return f"{int((np.array(ratios) > WORSE).sum())} of {np.size(ratios)}", f"{np.max(ratios):.3f}"
 
 
+def row(found: Iterable[SimulatedScene], place: Path) -> list[str]:
+    """Cells of a row, over the scenes of a wind and a look."""
+    raws, cleans, calms, ratios, halves, parts = [], [], [], [], [], []
+    far, lit = np.s_[:, :, HALF + BESIDE :], np.s_[:, :, : HALF - INSIDE]
+    for scene in found:
+        truth = scene.truth.astype(np.float64)
+        (raw, clean), (before, calm), (part_raw, part) = (measure(place, scene, reach) for reach in (SIDE, 0, HALF))
+        raws.append(errors(raw, truth))
+        cleans.append(errors(clean, truth))
+        calms.append(errors(calm, truth))
+        ratios += [cleans[-1] / raws[-1], calms[-1] / errors(before, truth)]
+        halves.append(errors(part[far], truth[far])[1] / errors(part_raw[far], truth[far])[1])
+        parts.append([errors(image[lit], truth[lit])[1] for image in (part, clean)])
+    return [*map(visible, (raws, cleans, calms)), *told(ratios), *told(halves), visible(parts)]
+
+
 def main(quick: bool) -> None:
     """Measure and print."""
     print("## Never worse\n\n" + machine())
     winds, looks, patches = (WINDS[1:2], LOOKS[1::4], PATCHES[:1]) if quick else (WINDS, LOOKS, PATCHES)
     rows = []
     with tempfile.TemporaryDirectory() as name:
-        for wind in winds:
-            for look in looks:
-                raws, cleans, calms, ratios, halves, parts = [], [], [], [], [], []
-                for patch in patches:
-                    for scene in scenes(wind, look, patch, 0, quick=quick):
-                        truth = scene.truth.astype(np.float64)
-                        (raw, clean), (before, calm), (part_raw, part) = (
-                            measure(Path(name), scene, reach) for reach in (SIDE, 0, HALF)
-                        )
-                        raws.append(errors(raw, truth))
-                        cleans.append(errors(clean, truth))
-                        calms.append(errors(calm, truth))
-                        ratios += [cleans[-1] / raws[-1], calms[-1] / errors(before, truth)]
-                        far, lit = np.s_[:, :, HALF + BESIDE :], np.s_[:, :, : HALF - INSIDE]
-                        halves.append(errors(part[far], truth[far])[1] / errors(part_raw[far], truth[far])[1])
-                        parts.append([errors(image[lit], truth[lit])[1] for image in (part, clean)])
-                rows.append([f"{wind:g}", f"{look[0]:g}, {look[1]:g}", visible(raws), visible(cleans), visible(calms),
-                             *told(ratios), *told(halves), visible(parts)])  # fmt: skip
+        for wind, look in product(winds, looks):
+            found = (scene for patch in patches for scene in scenes(wind, look, patch, 0, quick=quick))
+            rows.append([f"{wind:g}", f"{look[0]:g}, {look[1]:g}", *row(found, Path(name))])
     head = ("wind [m/s]", "look, azimuth from the sun", "raw [%]", "by default [%]", "without glint [%]", "worse",
             "largest error, of the raw one", "worse in the half without glint", "largest there",
             "the half with glint, alone / of the whole [%]")  # fmt: skip

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from deglint import Recipe, open_scene
@@ -42,20 +39,19 @@ def main(quick: bool) -> None:
     """Measure and print."""
     print("## Choice\n\n" + machine())
     rows, expected, regrets = [], [], []
-    with tempfile.TemporaryDirectory() as folder:
-        for _group, scene in scenes(Path(folder), quick):
-            image, fitted = deglinted(scene.path)
-            assert fitted.choice is not None
-            choice, own = fitted.choice, scene.error(image)
-            errors = {t.candidate: own if t.candidate == choice.best else true_error(scene, t.candidate)
-                      for t in choice.trials}  # fmt: skip
-            if choice.trial is None:
-                continue
-            best = min(errors, key=errors.__getitem__)
-            regrets.append(own / errors[best])
-            expected.append(100 * choice.trial.error / own)
-            rows.append([scene.path.stem, short(choice.best), f"{100 * choice.trial.error:.1f}", f"{own:.1f}",
-                         short(best), f"{errors[best]:.1f}", f"{regrets[-1]:.2f}"])  # fmt: skip
+    for _group, scene in scenes(quick):
+        image, fitted = deglinted(scene.path)
+        assert fitted.choice is not None
+        choice, own = fitted.choice, scene.error(image)
+        errors = {t.candidate: own if t.candidate == choice.best else true_error(scene, t.candidate)
+                  for t in choice.trials}  # fmt: skip
+        if choice.trial is None:
+            continue
+        best = min(errors, key=errors.__getitem__)
+        regrets.append(own / errors[best])
+        expected.append(100 * choice.trial.error / own)
+        rows.append([scene.path.stem, short(choice.best), f"{100 * choice.trial.error:.1f}", f"{own:.1f}",
+                     short(best), f"{errors[best]:.1f}", f"{regrets[-1]:.2f}"])  # fmt: skip
     head = ("", "chosen", "expected [%]", "true [%]", "best candidate", "true [%]", "regret")
     regret, off = np.exp(np.mean(np.log(regrets))), np.exp(np.median(np.abs(np.log(expected))))
     note = (f"Regret: error of the chosen candidate over that of the best: {regret:.2f} in the geometric mean, at most "

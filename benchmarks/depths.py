@@ -9,19 +9,22 @@ would tell the depth of the one left out.
 from __future__ import annotations
 
 import struct
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.linear_model import LinearRegression
+from sklearn.metrics import root_mean_squared_error
+from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 
-from deglint import Recipe, open_scene, remove_glint
+from deglint import Recipe, open_scene
 
+from .files import DATA, removed
 from .timing import say
 
 Array = npt.NDArray[np.float64]
 
-FOLDER = Path(__file__).parents[2] / "shared" / "data" / "real" / "sdb"
+FOLDER = DATA / "real" / "sdb"
 METHODS = ("hedley", "wiener")
 NIR = ("4",)
 BLOCKS = 10
@@ -62,12 +65,9 @@ def inside(path: Path, soundings: Array) -> tuple[Array, Array, npt.NDArray[np.i
 
 def error(columns: Array, depth: Array, part: npt.NDArray[np.intp]) -> float:
     """Root mean square error of depths predicted from the other parts [unit of depth]."""
-    away = np.empty_like(depth)
-    for n in np.unique(part):
-        out = part == n
-        weights = np.linalg.lstsq(columns[~out], depth[~out], rcond=None)[0]
-        away[out] = columns[out] @ weights - depth[out]
-    return float(np.sqrt((away**2).mean()))
+    line = LinearRegression(fit_intercept=False)
+    predicted = cross_val_predict(line, columns, depth, groups=part, cv=LeaveOneGroupOut())
+    return float(root_mean_squared_error(depth, predicted))
 
 
 def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0) -> npt.NDArray[np.intp]:
@@ -79,10 +79,7 @@ def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0
 
 def deglinted(image: Path, method: str) -> Array:
     """All bands after removal by a method, without compensation."""
-    with tempfile.TemporaryDirectory() as place:
-        recipe = Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off")
-        remove_glint(image, out := Path(place) / "clean.tif", recipe)
-        return open_scene(out).read().astype(np.float64)
+    return removed(image, Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off"))
 
 
 def main() -> None:

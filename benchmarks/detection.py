@@ -1,7 +1,6 @@
 """The tables of docs/detection.md: `python -m benchmarks detection [--docs] [--directory DIRECTORY]`.
 
-Ships found in ports, observed false-alarm rates, and probabilities of detection of small targets. With --docs they
-replace the tables of the page, each between a line `<!-- table NAME -->` and the next empty line.
+Ships found in ports, observed false-alarm rates, and probabilities of detection of small targets.
 """
 
 from __future__ import annotations
@@ -9,25 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from . import alarms, pd, ships
-from .timing import ROOT, say, table
-
-PAGE = ROOT / "docs" / "detection.md"
+from .timing import ROOT, fill, say, table
 
 
 def main(directory: Path | None, docs: bool) -> None:
-    """Print every table, or write all into the page."""
+    """Print every table; with `docs`, write them into the page, too."""
+    found = []
     for make in (ships.tables, alarms.tables, pd.tables):
         for name, head, rows in make(directory):
             say(name, head, rows)
-            if docs:
-                PAGE.write_text(replaced(PAGE.read_text(), name, table(head, rows)))
-
-
-def replaced(page: str, name: str, new: str) -> str:
-    """The page with another table below the line that names it."""
-    mark = f"<!-- table {name} -->\n"
-    before, found, rest = page.partition(mark)
-    if not found:
-        raise ValueError(f"{PAGE.name} has no line {mark.strip()!r}.")
-    _old, _, after = rest.partition("\n\n")
-    return f"{before}{mark}{new}\n\n{after}"
+            found.append(table(head, rows))
+    if docs:
+        fill(ROOT / "docs" / "detection.md", found)

@@ -6,7 +6,6 @@ The simulated and real scenes lie beside the project and are no part of it; with
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,9 @@ from deglint.remove import METHODS, REGRESSIONS
 from deglint.scene import Scene
 from detect.bench.measure import rms_error
 
+from .files import DATA, values
 from .timing import machine, say
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 NIR = 6
 DEEP = 184
 """Columns of deep water at the left of the simulated scenes: the sample."""
@@ -44,7 +43,7 @@ def simulated(quick: bool) -> None:
     for name in names:
         scene = open_scene(DATA / "simulated" / f"{name}.tif")
         image = scene.read().astype(np.float64)
-        truth = open_scene(DATA / "simulated" / f"{name}_truth.tif").read().astype(np.float64)
+        truth = values(DATA / "simulated" / f"{name}_truth.tif")
         raw.append("{:.1f} / {:.1f}".format(*whole_and_deep(image, truth)))
         for method, regression in rows:
             try:
@@ -90,10 +89,9 @@ def real(quick: bool) -> None:
     rows = [["nothing done", "", *(f"{block[b][inside].std(dtype=float):.2f}" for b in place), "", "", ""]]
     published = [f"{slope:.6f}" for slope, _ in PUBLISHED.values()], [f"{left:.2f}" for _, left in PUBLISHED.values()]
     rows.append(["recorded: hedley ols", "polygon", *published[1], *published[0]])
-    for sample in (polygon, "auto"):
-        found = combinations(quick) if sample == polygon else [c for c in combinations(quick) if c[1]]
+    regressed = [c for c in combinations(quick) if c[1]]
+    for said, sample, found in (("polygon", polygon, combinations(quick)), ("auto", "auto", regressed)):
         for method, regression in found:
-            said = "polygon" if sample == polygon else "auto"
             recipe = Recipe(method=method, sample=sample, regression=regression or "auto", nir=("B08",), mask="none",
                             compensate="off")  # fmt: skip
             label = f"{method} {regression}".strip()

@@ -22,25 +22,20 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-import rasterio
 
-from deglint import Recipe, correct, fit_scene, open_scene
+from deglint import Recipe, open_scene
 from deglint.errors import DeglintError
 
-from .error import DATA
-from .field_features import COLUMNS, ELSEWHERE, yes_no
 from .field_peers import PEERS, Remove, Told
-from .implants import LEAST as LEAST_KEPT
-from .implants import MOST as MOST_KEPT
+from .files import DATA, plane, values
 from .implants import Sea, contrast, implant, scale, shared, survive, write
 from .rates import laid_out
-from .scenes import Known, scenes
-from .timing import ROOT, in_turns, machine, table
+from .scenes import Known, deglinted, scenes
+from .timing import ROOT, fill, in_turns, machine, table
 
 Array = npt.NDArray[np.floating[Any]]
 Run = Callable[[Path, Told], Array]
 
-PAGE = ROOT / "docs" / "field.md"
 NIR = 833.0
 """Wavelength of the NIR band that the others are given [nm]."""
 ALIKE = 0.1
@@ -74,16 +69,6 @@ def told_of(known: Known) -> Told:
     return Told(image, full, int(np.argmin(np.abs(np.array(waves) - NIR))), known.visible, waves, deep)
 
 
-def own(recipe: Recipe | None = None) -> Run:
-    """What deglint makes of a file; it is told nothing."""
-
-    def run(path: Path, _told: Told) -> Array:
-        scene = open_scene(path)
-        return np.asarray(correct(scene, fit_scene(scene, recipe)), np.float64)
-
-    return run
-
-
 def other(remove: Remove) -> Run:
     """What another program makes of an array; what it says is not shown."""
 
@@ -99,8 +84,8 @@ def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
     """What can run, by name, and why the rest cannot."""
     ready: dict[str, Run] = {
         "raw": lambda _path, told: told.image,
-        "deglint remove": own(),
-        "deglint, Hedley": own(Recipe(method="hedley", compensate="off")),
+        "deglint remove": lambda path, _told: deglinted(path)[0],
+        "deglint, Hedley": lambda path, _told: deglinted(path, Recipe(method="hedley", compensate="off"))[0],
     }
     missing = {}
     for peer in PEERS:
@@ -116,8 +101,7 @@ def programs(folder: Path | None) -> tuple[dict[str, Run], dict[str, str]]:
 def objects(path: Path) -> npt.NDArray[np.bool_]:
     """Where the objects under water are."""
     mask = path.with_name(f"{path.stem}_mask.tif")
-    with rasterio.open(mask if mask.exists() else path.with_name(f"{path.stem}_objects.tif")) as given:
-        return np.asarray(given.read(1) > 0)
+    return plane(mask if mask.exists() else path.with_name(f"{path.stem}_objects.tif")) > 0
 
 
 def contrasts(image: Array, known: Known, there: npt.NDArray[np.bool_]) -> list[float]:
@@ -152,19 +136,18 @@ class PixelCounts:
 def measured(ready: Mapping[str, Run], quick: bool) -> dict[str, PixelCounts]:
     """Run everything on every scene."""
     out = {name: PixelCounts() for name in ready}
-    with tempfile.TemporaryDirectory() as place:
-        for group, known in scenes(Path(place), quick):
-            told, there = told_of(known), objects(known.path)
-            stem = known.path.stem if group.endswith("/") else f"own_{known.path.stem}"
-            for name, run in ready.items():
-                try:
-                    image = run(known.path, told)
-                except DeglintError:
-                    image = told.image
-                out[name].errors[stem] = known.error(image)
-                out[name].lost.append(float(np.isnan(image[list(known.visible)]).any(axis=0)[known.counts].mean()))
-                out[name].shares += contrasts(image, known, there)
-            print(stem, {n: round(t.errors[stem], 1) for n, t in out.items()}, flush=True)
+    for group, known in scenes(quick):
+        told, there = told_of(known), objects(known.path)
+        stem = known.path.stem if group.endswith("/") else f"own_{known.path.stem}"
+        for name, run in ready.items():
+            try:
+                image = run(known.path, told)
+            except DeglintError:
+                image = told.image
+            out[name].errors[stem] = known.error(image)
+            out[name].lost.append(float(np.isnan(image[list(known.visible)]).any(axis=0)[known.counts].mean()))
+            out[name].shares += contrasts(image, known, there)
+        print(stem, {n: round(t.errors[stem], 1) for n, t in out.items()}, flush=True)
     for name in TARGETS[: 1 if quick else None]:
         put_targets(shared(name), ready, out)
     return out
@@ -186,15 +169,14 @@ def large(place: Path, side: int) -> tuple[Path, Told]:
     """A scene laid side by side, as a file and as what the others are told."""
     source = DATA / "simulated" / "wind09_delay60.tif"
     path, told = laid_out(source, place / "large.tif", side, "uint16"), told_of(Known.of(source))
-    image = open_scene(path).read().astype(np.float64)
     times = -(-side // len(told.deep))
-    return path, replace(told, image=image, deep=np.tile(told.deep, (times, times))[:side, :side])
+    return path, replace(told, image=values(path), deep=np.tile(told.deep, (times, times))[:side, :side])
 
 
-def times(ready: Mapping[str, Run], quick: bool) -> dict[str, float]:
+def times(ready: Mapping[str, Run], quick: bool, side: int) -> dict[str, float]:
     """Processor time of each [s], from the image in memory (deglint: from the file) to the corrected image."""
     with tempfile.TemporaryDirectory() as place:
-        path, told = large(Path(place), 512 if quick else 2048)
+        path, told = large(Path(place), side)
         jobs = {name: (lambda run=run: run(path, told)) for name, run in ready.items() if name != "raw"}
         found = in_turns(jobs, 1 if quick else 3, time.process_time)
     return {name: float(np.median(seconds)) for name, seconds in found.items()}
@@ -244,53 +226,19 @@ def better(found: Mapping[str, PixelCounts]) -> str:
     return table(("scene", "deglint remove [%]", "best other [%]", "which"), rows) if rows else "None."
 
 
-INTRODUCTION = """---
-html_theme.sidebar_secondary.remove: true
----
-
-# deglint beside other programs
-
-`python -m benchmarks field --directory FOLDER --docs` measures and writes this page. FOLDER holds copies of the other
-programs, which run their own code; `benchmarks/field_peers.py` says where each is looked for. A program that is not in
-FOLDER is reported as not at hand. Versions stand below.
-"""
-ERROR = """## Error
-
-Error of the visible bands relative to the water [%], geometric mean over the scenes. The scenes are simulated, so the
-truth is known. They come from another simulator than deglint's, and were at hand while deglint was developed, which
-favours it. The own seeds come from its own simulator and set no constant. deglint is told nothing. The others are told
-the NIR band and which pixels are deep water. The truth gives these pixels: every band is within {alike:.0f} % of the
-water's level. Pixels that a program gives up (NaN) do not count in its error. The column heads give the number of
-scenes. The hard cases are coasts, foam, a border of zeros, stripes of the sensor, and a view into the glint.
-"""
-COST = """## What is kept, and what it costs
-
-- Best on: the scenes on which a row has the least error of all rows.
-- Worse than raw on: the scenes on which its error exceeds 1.02 times that of the raw image.
-- Objects kept: the share of objects under water that keep {low:.0f} to {high:.0f} % of their contrast.
-- White targets kept: the same for floating targets of 2 to 5 pixels and 30 % reflectance, on two scenes with band
-  delays.
-- Time: processor time for 8 bands of {side} x {side} pixels, median. deglint reads a file, and its default tries
-  candidates first; the others start from an array in memory. They take {least:.3f} to {most:.3f} of its time.
-"""
-
-
-def page(found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int) -> str:
-    """The tables with what is to be known beside them."""
+def parts(
+    found: Mapping[str, PixelCounts], seconds: Mapping[str, float], missing: Mapping[str, str], side: int
+) -> list[str]:
+    """The measured parts of the page: machine, errors, what is kept and lost, and where another program is better."""
     ratios = [seconds[n] / seconds["deglint remove"] for n in seconds if not n.startswith("deglint")] or [np.nan]
-    cost = COST.format(low=100 * LEAST_KEPT, high=100 * MOST_KEPT, side=side, least=min(ratios), most=max(ratios))
-    elsewhere = [[k, *v] for k, v in ELSEWHERE.items()]
-    parts = [INTRODUCTION, machine(), ERROR.format(alike=100 * ALIKE), errors(found), cost, harm(found, seconds),
-             "## Scenes on which another is better", better(found), "## Features", table(("", *COLUMNS), yes_no()),
-             "## What else they do, and what was run",
-             table(("", "does what deglint does not", "source"), elsewhere)]  # fmt: skip
-    if missing:
-        parts.append("Not at hand: " + "; ".join(f"{name} ({why})" for name, why in missing.items()) + ".")
-    return "\n\n".join(part.strip() for part in parts) + "\n"
+    absent = [f"Not at hand: {'; '.join(f'{name} ({why})' for name, why in missing.items())}."] if missing else []
+    cost = (f"Times are those of 8 bands of {side} x {side} pixels. The other programs take {min(ratios):.3f} to "
+            f"{max(ratios):.3f} of the time of deglint.")  # fmt: skip
+    return ["\n\n".join([machine(), *absent]), errors(found), f"{harm(found, seconds)}\n\n{cost}", better(found)]
 
 
 def main(quick: bool, directory: Path | None, docs: bool) -> None:
-    """Measure, and print or write the page."""
+    """Measure and print; with `docs`, write the page, too."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
     if not (DATA / "simulated").exists():
         print("Skipped: the simulated scenes do not lie beside the project.")
@@ -299,7 +247,9 @@ def main(quick: bool, directory: Path | None, docs: bool) -> None:
     ready, missing = programs(place)
     for name, why in missing.items():
         print(f"{name}: not at hand ({why})")
-    text = page(measured(ready, quick), times(ready, quick), missing, 512 if quick else 2048)
+    side = 512 if quick else 2048
+    made = parts(measured(ready, quick), times(ready, quick, side), missing, side)
+    for title, text in zip(("Field", "Error [%]", "Kept, and cost", "Another is better on"), made, strict=True):
+        print(f"\n## {title}\n\n{text}")
     if docs:
-        PAGE.write_text(text, encoding="utf-8")
-    print(f"{PAGE} written" if docs else text)
+        fill(ROOT / "docs" / "field.md", made)

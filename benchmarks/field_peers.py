@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, patch
 
 import numpy as np
 import numpy.typing as npt
@@ -47,15 +47,9 @@ class Told:
 Remove = Callable[[Told], Array]
 
 
-@contextmanager
-def on_path(*folders: Path) -> Iterator[None]:
+def on_path(*folders: Path) -> AbstractContextManager[Any]:
     """Modules of these folders can be imported for a while, after all that is installed."""
-    before = list(sys.path)
-    sys.path += map(str, folders)
-    try:
-        yield
-    finally:
-        sys.path[:] = before
+    return patch.object(sys, "path", [*sys.path, *map(str, folders)])
 
 
 def bare(name: str, folder: Path) -> None:
@@ -175,7 +169,7 @@ def glint_mask(folder: Path, _name: str) -> Remove:
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to run a program, and what makes it ready from the folder; `field_features` has the versions."""
+    """A way to run a program, and what makes it ready from the folder."""
 
     name: str
     load: Callable[[Path, str], Remove]

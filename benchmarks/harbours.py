@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 
-from deglint import Recipe, open_scene, remove_glint
+from deglint import Recipe
 from deglint.masks import Roles, fit_water, water
 from deglint.masks.sample import deep_water, fit_sample
 
+from .files import plane, removed, values
 from .implants import SIZES, STEP, Array, survive
 from .timing import say
 
@@ -29,30 +29,18 @@ RECIPES = {"hedley": Recipe(method="hedley", nir=NIR, mask="none", compensate="o
 """Hedley as published, and what is done unasked."""
 
 
-def deglinted(source: Path, recipe: Recipe) -> Array:
-    """What a recipe makes of a file, in its own type of number."""
-    with tempfile.TemporaryDirectory() as place:
-        remove_glint(source, out := Path(place) / "clean.tif", recipe)
-        return open_scene(out).read().astype(np.float64)
+def kept(folder: Path, name: str, recipe: Recipe) -> tuple[Array, Array]:
+    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04.
 
-
-@dataclass(frozen=True)
-class Kept:
-    """Share of contrast left of each ship, (ship, band), and noise of deep water (band,), for B02, B03, B04."""
-
-    shares: Array
-    noise: Array
-
-
-def kept(folder: Path, name: str, recipe: Recipe) -> Kept:
-    """Labelled ships, of whose ring at least a third is water, after a recipe."""
-    image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
-    labels = open_scene(folder / f"{name}_ships.tif").read()[0].astype(int)
+    Ships are those with a label, of whose ring at least a third is water.
+    """
+    image = values(folder / f"{name}.tif")
+    labels = plane(folder / f"{name}_ships.tif").astype(int)
     sea = water(image, rule := fit_water([image], Roles(nir=3, blue=0, green=1, red=2)))
-    clean = deglinted(folder / f"{name}.tif", recipe)
+    clean = removed(folder / f"{name}.tif", recipe)
     pairs = [[_contrast(i, labels, sea, n) for i in (image, clean)] for n in range(1, labels.max() + 1)]
     before, after = np.array([p for p in pairs if p[0] is not None], np.float64).swapaxes(0, 1)
-    return Kept(after / before, _noise(clean, deep_water(image, fit_sample([image], rule))))
+    return after / before, _noise(clean, deep_water(image, fit_sample([image], rule)))
 
 
 def _contrast(image: Array, labels: npt.NDArray[Any], sea: Mask, number: int) -> Array | None:
@@ -90,9 +78,9 @@ def ships(folder: Path) -> None:
     rows = []
     for name in ("casablanca", "honolulu"):
         for label, recipe in RECIPES.items():
-            found = kept(folder, name, recipe)
-            left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in found.shares.T]
-            rows.append([f"{name}, {len(found.shares)} ships", label, *left, *(f"{x:.1f}" for x in found.noise)])
+            shares, noise = kept(folder, name, recipe)
+            left = [f"{np.median(s):.2f} / {(s >= 0.8).mean():.2f}" for s in shares.T]
+            rows.append([f"{name}, {len(shares)} ships", label, *left, *(f"{x:.1f}" for x in noise)])
     note = "Median share of contrast left / share of ships that keep 80 %; noise of deep water [DN]."
     say("Contrast of ships", ("", "", "B02", "B03", "B04", "noise B02", "B03", "B04"), rows, note)
 
@@ -105,16 +93,16 @@ def targets(folder: Path) -> None:
         ("honolulu", 65535, Roles(nir=3, blue=0, green=1, red=2)),
         ("palau", 10000, Roles(nir=7, blue=1, green=2, red=3)),
     ):
-        image = open_scene(folder / f"{name}.tif").read().astype(np.float64)
+        image = values(folder / f"{name}.tif")
         places = _places(water(image, fit_water([image], roles)))
-        empty = {label: deglinted(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
+        empty = {label: removed(folder / f"{name}.tif", recipe) for label, recipe in RECIPES.items()}
         for reflectance in (0.05, 0.1, 0.3):
             cells = []
             with tempfile.TemporaryDirectory() as scratch:
                 path = Path(scratch) / f"{name}.tif"
                 there = _planted(folder / f"{name}.tif", path, places, round(reflectance * unit))
                 for label, recipe in RECIPES.items():
-                    clean = deglinted(path, recipe)
+                    clean = removed(path, recipe)
                     shares = [
                         [(clean[b][p] - empty[label][b][p]).mean() / (there[b][p] - image[b][p]).mean()
                          for b in (roles.blue, roles.green, roles.red)] for p in places
@@ -148,4 +136,4 @@ def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], va
         for place in places:
             values[(slice(None), *place)] = value
         out.write(values)
-    return open_scene(path).read().astype(np.float64)
+    return values(path)

@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import rasterio
 
-from deglint import open_scene
 from deglint.physics.presets import preset
 from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
@@ -27,7 +26,7 @@ from deglint.simulate import Setup, simulate, thesis_array
 from deglint.simulate.light import light
 from detect.bench.measure import VISIBLE_BANDS
 
-from .error import DATA
+from .files import DATA, plane, values
 
 Array = npt.NDArray[np.float64]
 Curve = Callable[[Array], Array]
@@ -116,7 +115,8 @@ def implant(
     """The scene with targets on a grid, every second seed off the grid of the pixels; not over the squares."""
     rng, image, truth = np.random.default_rng(seed), sea.image.copy(), sea.truth.copy()
     taken = cv2.dilate((sea.objects > 0).astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
-    half, found, queue, steep = SIDE // 2, [], [], noise_model(sea.sensor)[0]
+    half, found, queue, gain = SIDE // 2, [], [], sea.sensor.well / sea.sensor.levels
+    dark = (sea.sensor.read_noise / gain) ** 2 + 1 / 12  # variance of digital numbers at 0
     for row in range(20, image.shape[1] - 20, step):
         for column in range(20, image.shape[2] - 20, step):
             if taken[row, column]:
@@ -128,7 +128,7 @@ def implant(
             place = slice(None), slice(row - half, row + half + 1), slice(column - half, column + half + 1)
             own = (reflectance(colour, sea.sensor) * white(sea.sensor))[:, None, None]
             clean = (sea.truth[place] + sea.glint[place]) * (1 - part) + part * own
-            noisy = clean + np.sqrt(steep[0] + steep[1] * clean) * rng.standard_normal(clean.shape)
+            noisy = clean + np.sqrt(dark + 1 / gain * clean) * rng.standard_normal(clean.shape)
             image[place] = np.where(part > 2e-3, np.clip(np.rint(noisy), 0, sea.sensor.levels), image[place])
             truth[place] = truth[place] * (1 - part) + part * own
             found.append(Target(colour, size, row, column))
@@ -162,9 +162,9 @@ def simulated(place: Path, wind: float, patch: float, seed: int, sensor: Sensor 
 
 
 def _sea(path: Path, sensor: Sensor = SENSOR) -> Sea:
-    parts = [open_scene(path.with_stem(path.stem + e)).read().astype(np.float64) for e in ("", "_truth", "_glint")]
+    parts = [values(path.with_stem(path.stem + e)) for e in ("", "_truth", "_glint")]
     image, truth, glint = (p / scale(sensor) for p in parts)
-    objects = open_scene(path.with_stem(f"{path.stem}_objects")).read()[0]
+    objects = plane(path.with_stem(f"{path.stem}_objects"))
     return Sea(path, np.rint(image), truth, glint, objects, sensor)
 
 
@@ -178,9 +178,3 @@ def write(sea: Sea, path: Path) -> None:
 def survive(shares: Array) -> float:
     """Share of the targets that keep 80 to 125 % of their contrast."""
     return float(((shares >= LEAST) & (shares <= MOST)).mean())
-
-
-def noise_model(sensor: Sensor) -> Array:
-    """Variance of digital numbers at 0, and its increase per digital number, (band, 2)."""
-    gain = sensor.well / sensor.levels
-    return np.array([[(sensor.read_noise / gain) ** 2 + 1 / 12, 1 / gain]] * len(sensor.bands))

@@ -25,7 +25,7 @@ from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
 
 from .alarms import NEAR
-from .error import DATA
+from .files import DATA, plane
 from .ships import BANDS, REMOVALS, Port, grown
 
 Mask = npt.NDArray[np.bool_]
@@ -103,8 +103,7 @@ def _scored(source: Any, scratch: Path, **recipe: Any) -> dict[str, npt.NDArray[
             image = scratch / f"{name}.tif"
             remove_glint(source, image, removal, overwrite=True)
         score_file(image, scratch / "scores.tif", Search(**recipe), overwrite=True)
-        with rasterio.open(scratch / "scores.tif") as data:
-            out[name] = data.read(1)
+        out[name] = plane(scratch / "scores.tif")
     return out
 
 

@@ -9,6 +9,7 @@ from statistics import median
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.covariance import EmpiricalCovariance
 from threadpoolctl import threadpool_limits
 
 from detect.bench.compare import short
@@ -18,7 +19,8 @@ from detect.rx import rx
 from .timing import in_turns, machine, say
 
 Float32 = npt.NDArray[np.float32]
-WINDOW = (5, 21)
+Window = tuple[int, int]
+WINDOW: Window = (5, 21)
 """Inner and outer window of local RX [pixel]."""
 
 
@@ -30,46 +32,32 @@ def image(bands: int, side: int) -> Float32:
     return out + np.float32(10)
 
 
-def global_jobs(block: Float32) -> dict[str, Callable[[], object]]:
-    """Global RX by every program, each with the array in the order that it likes."""
-    from sklearn.covariance import EmpiricalCovariance
-
+def jobs_of(block: Float32, window: Window | None) -> dict[str, Callable[[], object]]:
+    """Global RX, or local RX in a window, by every program that has it, each with the array in the order it likes."""
     cube = np.ascontiguousarray(block.transpose(1, 2, 0))
-    pixels = cube.reshape(-1, len(block))
-    jobs: dict[str, Callable[[], object]] = {
-        "detect": lambda: rx(block, threads=1),
-        "scikit-learn": lambda: EmpiricalCovariance().fit(pixels).mahalanobis(pixels),
-    }
-    if find_spec("spectral"):
-        import spectral
-
-        jobs["spectral"] = lambda: spectral.rx(cube)
-    return jobs
-
-
-def local_jobs(block: Float32) -> dict[str, Callable[[], object]]:
-    """Local RX by every program that has it."""
-    cube = np.ascontiguousarray(block.transpose(1, 2, 0))
-    jobs: dict[str, Callable[[], object]] = {
-        "detect": lambda: local_rx(block, inner=WINDOW[0], outer=WINDOW[1], threads=1)
-    }
+    jobs: dict[str, Callable[[], object]] = {}
+    if window is None:
+        pixels = cube.reshape(-1, len(block))
+        jobs["detect"] = lambda: rx(block, threads=1)
+        jobs["scikit-learn"] = lambda: EmpiricalCovariance().fit(pixels).mahalanobis(pixels)
+    else:
+        jobs["detect"] = lambda: local_rx(block, inner=window[0], outer=window[1], threads=1)
     if find_spec("spectral"):
         import spectral
 
         spectral.settings.show_progress = False
-        jobs["spectral"] = lambda: spectral.rx(cube, window=WINDOW)
+        jobs["spectral"] = lambda: spectral.rx(cube, window=window)
     return jobs
 
 
 def rows(quick: bool) -> list[list[str]]:
     """One row for each program and array: time, and ratio to the time of detect in the same round."""
-    tasks = [(global_jobs, 8, 512 if quick else 2048), (global_jobs, 64, 128 if quick else 512),
-             (local_jobs, 8, 40 if quick else 96)]  # fmt: skip
+    tasks = (None, 8, 512 if quick else 2048), (None, 64, 128 if quick else 512), (WINDOW, 8, 40 if quick else 96)
     out = []
     with threadpool_limits(1):
-        for jobs, bands, side in tasks:
-            found = in_turns(jobs(image(bands, side)), 3, time.process_time)
-            kind = "global RX" if jobs is global_jobs else f"local RX, windows {WINDOW[0]} and {WINDOW[1]}"
+        for window, bands, side in tasks:
+            found = in_turns(jobs_of(image(bands, side), window), 3, time.process_time)
+            kind = "local RX, windows {} and {}".format(*window) if window else "global RX"
             for name, seconds in found.items():
                 ratio = median(s / own for s, own in zip(seconds, found["detect"], strict=True))
                 cost = short(1e9 * median(seconds) / (bands * side**2))

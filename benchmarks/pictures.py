@@ -19,14 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 import detect
-from deglint import Recipe, correct, fit_scene, open_scene, remove_glint
+from deglint import Recipe, open_scene, remove_glint
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.scene import Scene
 from deglint.simulate import Setup, SubmergedObject, simulate
 from detect.bench.measure import rms_error
 
-from .error import DATA
+from .files import DATA, values
 from .scenes import Known, deglinted
 from .timing import ROOT
 
@@ -81,9 +81,8 @@ def drawn(view: View, target: Path) -> None:
     """Write the picture of a scene, and print the errors and what was chosen."""
     known, scene = Known.of(view.path), open_scene(view.path)
     images = {"raw": scene.read().astype(float), "truth": known.truth}
-    images["--method hedley"] = correct(scene, fit_scene(scene, HEDLEY)).astype(float)
-    fitted = fit_scene(scene)
-    images["deglint remove"] = correct(scene, fitted).astype(float)
+    images["--method hedley"] = deglinted(view.path, HEDLEY)[0]
+    images["deglint remove"], fitted = deglinted(view.path)
     part = slice(None), slice(view.row, view.row + SIDE), slice(view.column, view.column + SIDE)
     panels = stretched({name: image[part] for name, image in images.items()}, scene, view.percentile)
     errors = {name: known.error(image) for name, image in images.items() if name != "truth"}
@@ -91,7 +90,7 @@ def drawn(view: View, target: Path) -> None:
     write(target, beside(map(doubled, panels), titles))
     said = ", ".join(f"{name} {error:.1f} %" for name, error in errors.items())
     if view.remedy:
-        better = known.error(correct(scene, fit_scene(scene, view.remedy)).astype(float))
+        better = known.error(deglinted(view.path, view.remedy)[0])
         said += f", {view.remedy.method} {view.remedy.compensate} {better:.1f} %"
     print(f"{view.path.stem}: {said}; {fitted.model.method}, {fitted.chain.text or 'no stages'}")
 
@@ -139,11 +138,6 @@ def wiener(out: Path) -> None:
         titles = [n if n == "truth" else f"{n}: {error:.1f} %" for n, error in errors.items()]
         panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene, 85.0)
         write(out / target, beside(map(doubled, panels), titles))
-
-
-def values(path: Path) -> Image:
-    """Physical values of a file."""
-    return open_scene(path).read().astype(np.float64)
 
 
 def rgb(scene: Scene) -> list[int]:

@@ -1,6 +1,6 @@
 """The figures of the thesis' chapter 2, made again with the planner (docs/planning.md).
 
-    python -m benchmarks.plan_figures docs
+    python -m benchmarks plan_figures [--directory FOLDER]
 
 Sun at 20.5 degrees off the zenith, azimuth 270.2, wind 9 m/s at 12.5 m. The thesis gives neither the wind's
 direction nor the water and the object of these figures: here it blows from the north, chlorophyll is 0.5 mg m-3,
@@ -8,9 +8,6 @@ and the object has a reflectance of 15 % at 10 m.
 """
 
 from __future__ import annotations
-
-import sys
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -23,6 +20,8 @@ from deglint.plan.picture import layers, picture, sky_disc
 from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
 from deglint.plan.sweep import plans, times
 from deglint.plan.uncertainty import wind_ensemble
+
+from .timing import ROOT
 
 RADIUS = 150
 THESIS = {"sun_zenith": 20.5, "sun_azimuth": 270.2, "wind": 9.0, "wind_height": 12.5, "depth": 10.0}
@@ -67,7 +66,8 @@ def facet_sum(plan, step):
     """The thesis' glint probability (eq. 2.24): density times cell, over the cells that mirror the true disk."""
     sun_zenith, sun_azimuth = plan.mission.sun
     facet = glint.facet(sun_zenith, sun_azimuth, plan.zenith[:, None], plan.azimuth)
-    to_sun, to_sensor = unit(sun_zenith, sun_azimuth), unit(plan.zenith[:, None], plan.azimuth)
+    to_sun = glint.direction(sun_zenith, sun_azimuth)
+    to_sensor = glint.direction(plan.zenith[:, None], plan.azimuth)
     found = np.zeros(facet.east.shape)
     for i in range(-2, 3):
         for j in range(-2, 3):
@@ -80,11 +80,6 @@ def facet_sum(plan, step):
             density = slopes.density(*slopes.to_wind_axes(east, north, plan.mission.wind_from), 9.0)
             found += hit * density * step**2
     return found
-
-
-def unit(zenith, azimuth):
-    z, a = np.radians(zenith), np.radians(azimuth)
-    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z) * np.ones_like(a)
 
 
 def glint_2_10(plan):
@@ -146,8 +141,8 @@ def examples():
     }
 
 
-def main():
-    directory = Path(sys.argv[1])
+def main(directory):
+    directory = directory or ROOT / "docs"
     limits = Limits(ner=5e-4, snr=15.0)
     full = reticle(Mission(**THESIS, sky="uniform", limits=limits))
     absorbing = reticle(Mission(**THESIS, sky="uniform", limits=limits, water="absorption"))
@@ -167,7 +162,3 @@ def main():
     said = f"{ratio[0, 0]:.3f} at nadir, {ratio[60, 0]:.3f} at 60 degrees"
     print(f"contrast, absorbing over scattering water, blue: {said}")
     print(f"facet sum: largest {facet_sum(full, 0.01).max():.2g}, closed form {full.glint_probability.max():.3g}")
-
-
-if __name__ == "__main__":
-    main()

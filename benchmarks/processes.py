@@ -16,11 +16,17 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a process: wall time and processor time [s], peak resident memory [MB]."""
+    """One run of a process: wall time and processor time [s], peak resident memory [MB].
+
+    `read` and `written` count the bytes of calls to the system, whether or not the disk had to move for them; 0 where
+    the system does not count them.
+    """
 
     wall: float
     cpu: float
     peak: float
+    read: int
+    written: int
 
 
 def in_turns(

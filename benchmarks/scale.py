@@ -14,24 +14,25 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .timing import ROOT, machine, table
+from .processes import in_turns
+from .timing import ROOT, fill, machine, table
 
 BANDS = 8
 TILE = 4096
 SIDES = (1024, 2048, 4096, 8192, 16384, 32768)
 COMMANDS = {
     "remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "off"],
-    "score": ["rxdetect", "score", "-q"],
+    "score": ["detect", "score", "-q"],
     "compensate and remove": ["deglint", "remove", "-q", "--method", "joyce", "--compensate", "thesis"],
 }
 SMALL_ROUNDS = 3
 """Rounds of scenes up to the tile's size; the best of them counts."""
 WORST = 1.3
 """Bytes of compressed output a value, at most: what must be free on the disk."""
-MARK = "<!-- measured -->"
 
 TILE_SIDE, TILE_BANDS, PASSES = 10980, 4, 73
 """A Sentinel-2 tile at 10 m: pixels, bands at 10 m, passes a year at one in five days."""
@@ -41,10 +42,13 @@ STORE = 1e9
 """What shared storage moves in all, assumed [byte/s]."""
 
 
-def mosaic(tile: Path, path: Path, side: int) -> None:
-    """A VRT of side x side pixels that repeats the tile."""
+def mosaic(directory: Path, side: int) -> Path:
+    """A VRT of side x side pixels that repeats `tile.tif`; a process of its own writes that where it is not there."""
     import rasterio
 
+    tile, path = directory / "tile.tif", directory / f"{side}.vrt"
+    if not tile.exists():
+        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(tile), str(TILE)], cwd=ROOT, check=True)
     with rasterio.open(tile) as one:
         names, tags, crs, place = one.descriptions, [one.tags(b) for b in one.indexes], one.crs, one.transform.to_gdal()
     step = min(side, TILE)
@@ -65,27 +69,24 @@ def mosaic(tile: Path, path: Path, side: int) -> None:
                 )
         lines.append("</VRTRasterBand>")
     path.write_text("\n".join([*lines, "</VRTDataset>"]))
+    return path
 
 
 def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
     """Run a command on a mosaic, and take its output away again."""
-    scene, out = directory / f"{side}.vrt", directory / "out.tif"
-    mosaic(directory / "tile.tif", scene, side)
+    scene, out = mosaic(directory, side), directory / "out.tif"
     free = shutil.disk_usage(directory).free
     if side**2 * BANDS * WORST > free - 2e9:
         return {"stopped": f"the disk has {free / 1e9:.0f} GB left"}
-    call = [sys.executable, "-m", "benchmarks.counted", *COMMANDS[what], str(scene), str(out), "--overwrite",
+    call = [sys.executable, "-m", *COMMANDS[what], str(scene), str(out), "--overwrite",
             "--co", "COMPRESS=ZSTD", "--co", "ZSTD_LEVEL=1"]  # fmt: skip
-    runs = []
-    for _ in range(SMALL_ROUNDS if side <= TILE else 1):
-        done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=False)
-        size = out.stat().st_size if out.exists() else 0
-        for left in directory.glob("*out.tif*"):
-            left.unlink()
-        if done.returncode:
-            return {"stopped": (done.stderr.strip().splitlines() or ["failed"])[-1]}
-        runs.append(json.loads(done.stdout.splitlines()[-1]) | {"size": size})
-    return min(runs, key=lambda r: r["cpu"])
+    runs = in_turns({what: call}, SMALL_ROUNDS if side <= TILE else 1)[what]
+    size = out.stat().st_size if out.exists() else 0
+    for left in directory.glob("*out.tif*"):
+        left.unlink()
+    if isinstance(runs, str):
+        return {"stopped": runs}
+    return asdict(min(runs, key=lambda r: r.cpu)) | {"size": size}
 
 
 def disk_speed(directory: Path) -> float:
@@ -106,9 +107,6 @@ def collect(directory: Path, sides: tuple[int, ...]) -> dict[str, Any]:
     """Measure what is not measured yet."""
     kept = directory / "scale.json"
     found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"machine": machine(), "runs": {}}
-    if not (directory / "tile.tif").exists():
-        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(directory / "tile.tif"), "--side", str(TILE),
-                        "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
     found.setdefault("disk", disk_speed(directory))
     for side in sides:
         for what in COMMANDS:
@@ -213,7 +211,4 @@ def main(quick: bool, directory: Path | None, docs: bool) -> None:
         print("\n\n".join(["## Scale", *made]))
         if docs:
             draw(found, ROOT / "docs" / "scale.png")
-            page = ROOT / "docs" / "scale-model.md"
-            parts = page.read_text().split(MARK)
-            parts[1::2] = [f"\n\n{text}\n\n" for text in made]
-            page.write_text(MARK.join(parts))
+            fill(ROOT / "docs" / "scale-model.md", made)

@@ -7,8 +7,8 @@ each band) where not all pixels count. Recorded scenes are no part of the projec
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SubmergedObject, simulate
 from deglint.simulate.artefacts import Artefacts, Kernel
 
-from .error import DATA
+from .files import DATA, values
 
 Array = npt.NDArray[np.floating[Any]]
 SIDE = 384
@@ -114,7 +114,7 @@ class Known:
     def of(cls, path: Path) -> Known:
         """With what lies beside the file."""
         bands = open_scene(path).bands
-        truth = open_scene(path.with_name(f"{path.stem}_truth.tif")).read().astype(np.float64)
+        truth = values(path.with_name(f"{path.stem}_truth.tif"))
         level, counts = np.median(truth, axis=(1, 2)), np.ones(truth.shape[1:], np.bool_)
         mask = path.with_name(f"{path.stem}_mask.tif")
         if mask.exists():
@@ -140,24 +140,14 @@ def deglinted(path: Path, recipe: Recipe | None = None) -> tuple[Array, Fitted]:
     return correct(scene, fitted).astype(np.float64), fitted
 
 
-def scenes(folder: Path, quick: bool, say: Callable[[str], None] = print) -> Iterator[tuple[str, Known]]:
-    """Group and scene: those beside the project, and the own, which are written to the folder."""
+def scenes(quick: bool, say: Callable[[str], None] = print) -> Iterator[tuple[str, Known]]:
+    """Group and scene: those beside the project, and the own, whose files are there until the last is done."""
     for group, few in QUICK.items():
         stems = [p.name.removesuffix("_truth.tif") for p in sorted((DATA / group).glob("*_truth.tif"))]
         if not stems:
             say(f"\nSkipped: the scenes of {group}/ do not lie beside the project.")
         for stem in few if quick and stems else stems:
             yield f"{group}/", Known.of(DATA / group / f"{stem}.tif")
-    for case in OWN[: 3 if quick else None]:
-        yield "own seeds", Known.of(case.written(folder))
-
-
-@contextmanager
-def changed(home: Any, name: str, value: Any) -> Iterator[None]:
-    """A name of a module replaced for a while."""
-    before = getattr(home, name)
-    setattr(home, name, value)
-    try:
-        yield
-    finally:
-        setattr(home, name, before)
+    with tempfile.TemporaryDirectory() as folder:
+        for case in OWN[: 3 if quick else None]:
+            yield "own seeds", Known.of(case.written(Path(folder)))

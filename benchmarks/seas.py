@@ -1,4 +1,4 @@
-"""A synthetic sea with glint of any size, to measure time on: `python -m benchmarks.seas OUT --side 4096`.
+"""A synthetic sea with glint of any size, to measure time on: `python -m benchmarks.seas OUT 4096`.
 
 Eight bands named and tagged as those of WorldView-3: open water with a slow change of colour, swell, sparkle and noise,
 and a coast along one edge. `deglint simulate` makes scenes to measure errors on.
@@ -6,7 +6,7 @@ and a coast along one edge. `deglint simulate` makes scenes to measure errors on
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ LAND = np.array([0.05, 0.06, 0.09, 0.11, 0.13, 0.22, 0.30, 0.31], np.float32)
 GLINT = np.array([1.00, 1.00, 0.99, 0.97, 0.96, 0.95, 0.94, 0.92], np.float32)
 NOISE = 0.0004
 SCALE = 1e-4
-"""Reflectance of a count, in integer files."""
+"""Reflectance of a count."""
 TILE = 512
 COAST = 0.04
 """Share of the width that is land."""
@@ -48,39 +48,24 @@ def tile(row: int, column: int, side: int, shape: tuple[int, int]) -> Float32:
     return out
 
 
-def write_sea(path: Path, side: int, *, dtype: str = "float32", compress: str | None = None) -> None:
-    """Write a scene of side x side pixels, as float32 or as uint16 counts."""
+def write_sea(path: Path, side: int) -> None:
+    """Write a scene of side x side pixels as uint16 counts."""
     profile = {
-        "driver": "GTiff", "width": side, "height": side, "count": len(NAMES), "dtype": dtype, "crs": "EPSG:32653",
+        "driver": "GTiff", "width": side, "height": side, "count": len(NAMES), "dtype": "uint16", "crs": "EPSG:32653",
         "transform": from_origin(450_000, 900_000, 2, 2), "tiled": True, "blockxsize": 512, "blockysize": 512,
-        "interleave": "pixel", "BIGTIFF": "IF_SAFER",
+        "interleave": "pixel", "BIGTIFF": "IF_SAFER", "compress": "deflate", "predictor": 2, "num_threads": "ALL_CPUS",
     }  # fmt: skip
-    if compress:
-        profile |= {"compress": compress, "predictor": 2, "num_threads": "ALL_CPUS"}
     with rasterio.open(path, "w", **profile) as out:
+        out.scales = [SCALE] * len(NAMES)
         for band, (name, wavelength) in enumerate(zip(NAMES, WAVELENGTHS, strict=True), start=1):
             out.set_band_description(band, name)
             out.update_tags(band, wavelength=f"{wavelength:g}", wavelength_units="nm")
-        if dtype == "uint16":
-            out.scales = [SCALE] * len(NAMES)
         for row in range(0, side, TILE):
             for column in range(0, side, TILE):
                 shape = min(TILE, side - row), min(TILE, side - column)
-                values = tile(row, column, side, shape)
-                counts = np.clip(np.rint(values / SCALE), 0, 65535).astype(np.uint16) if dtype == "uint16" else values
+                counts = np.clip(np.rint(tile(row, column, side, shape) / SCALE), 0, 65535).astype(np.uint16)
                 out.write(counts, window=Window(column, row, shape[1], shape[0]))
 
 
-def main() -> None:
-    """Write the scene that the command line names."""
-    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--side", type=int, default=2048)
-    parser.add_argument("--dtype", choices=["float32", "uint16"], default="float32")
-    parser.add_argument("--compress", choices=["deflate", "zstd", "lzw"])
-    given = vars(parser.parse_args())
-    write_sea(given.pop("out"), given.pop("side"), **given)
-
-
 if __name__ == "__main__":
-    main()
+    write_sea(Path(sys.argv[1]), int(sys.argv[2]))

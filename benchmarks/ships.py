@@ -30,7 +30,7 @@ from detect.pipeline import Recipe as Search
 from detect.pipeline import score_file
 from detect.rx import rx
 
-from .error import DATA
+from .files import DATA, plane
 
 Mask = npt.NDArray[np.bool_]
 PORTS = ("gdynia", "athens", "klang", "cartagena")
@@ -60,8 +60,7 @@ class Port:
         with rasterio.open(folder / "ships.tif") as data:
             labels = data.read(1).astype(np.int64)
             area = ground_area(data.transform, data.crs, *labels.shape) or np.nan
-        with rasterio.open(folder / "water.tif") as data:
-            water = data.read(1) > 0
+        water = plane(folder / "water.tif") > 0
         _, parts, stats, _ = cv2.connectedComponentsWithStats((~water).astype(np.uint8), connectivity=8)
         small = stats[:, 4] < 400
         small[0] = False
@@ -115,8 +114,7 @@ def orfeo(image: npt.NDArray[Any], _where: Mask) -> npt.NDArray[np.float32]:
         radii = ["-ir", str(WINDOW["inner"] // 2), "-er", str(WINDOW["outer"] // 2)]
         command = [str(ORFEO), "-in", str(source), "-out", str(out), "float", *radii]
         subprocess.run(command, check=True, capture_output=True)
-        with rasterio.open(out) as data:
-            return np.asarray(data.read(1))
+        return plane(out)
 
 
 DETECTORS = {
@@ -132,12 +130,8 @@ def others(port: Port, image: npt.NDArray[Any], detector: Any) -> list[int]:
     scores = np.nan_to_num(np.asarray(detector(image, port.searched), np.float64), nan=-np.inf)
     scores[~port.searched] = -np.inf
     lowest = np.quantile(scores[port.water], 1 - LOWEST)
-    return port.found([_placed(o, o.score_max) for o in find(scores > lowest, scores)])
-
-
-def _placed(found: Any, score: float) -> tuple[float, Mask, tuple[slice, slice]]:
-    (top, bottom), (left, right) = found.bounds
-    return score, found.footprint, (slice(top, bottom), slice(left, right))
+    return port.found([(o.score_max, o.footprint, np.s_[slice(*o.bounds[0]), slice(*o.bounds[1])])
+                       for o in find(scores > lowest, scores)])  # fmt: skip
 
 
 def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
@@ -148,8 +142,8 @@ def ours(port: Port, source: list[Path] | Path, scratch: Path) -> list[int]:
     for feature in json.loads(marked.read_text())["features"]:
         known = feature["properties"]
         left, top, width, height = known["window"]
-        objects.append((known["score"], np.ones((height, width), np.bool_),
-                        (slice(top, top + height), slice(left, left + width))))  # fmt: skip
+        box = np.s_[top : top + height, left : left + width]
+        objects.append((known["score"], np.ones((height, width), np.bool_), box))
     return port.found(objects)
 
 

@@ -1,20 +1,18 @@
 """How much do pixels of 25 cm sparkle? Facets of 6 cm with a patch size, against waves resolved to 1 mm.
 
-    python benchmarks/sparkle.py [--wind 9] [--seeds 10]
+    python -m benchmarks sparkle [--wind 9] [--rounds 10]
 
 Prints, for glint far from the specular point and near it, the coefficient of variation of the pixels and
 their correlation after 10, 60 and 120 ms. The patch that comes nearest is what `Setup.patch` should be. Seas
 of 2 m only, so that 1 mm can be afforded: the longer waves tilt both in the same way.
 """
 
-import argparse
-
 import numpy as np
 
 import deglint.physics.surface as surface
-from deglint.physics.spectra import dispersion
-from deglint.physics.waves import SHORTEST_WAVE, Sea, omnidirectional
-from deglint.simulate.facets import sparkle_share
+from deglint.physics.slopes import gaussian
+from deglint.physics.waves import Sea
+from deglint.simulate.facets import sparkle_frequencies, sparkle_share
 
 SIDE, FINE, COARSE, PIXELS = 2.0, 2048, 32, 8
 LAGS = (0.0, 0.010, 0.060, 0.120)
@@ -22,14 +20,11 @@ SPOT = 0.03  # standard deviation of the slopes about a fine point
 PATCHES = (0.0, 0.005, 0.01, 0.015, 0.03, 0.06)
 
 
-def pixels(density):
-    n = len(density) // PIXELS
-    return density.reshape(PIXELS, n, PIXELS, n).mean(axis=(1, 3))
-
-
 def glint(up, cross, wanted, variance):
-    exponent = (up - wanted[0]) ** 2 / variance[0] + (cross - wanted[1]) ** 2 / variance[1]
-    return pixels(np.exp(-0.5 * exponent) / (2 * np.pi * np.sqrt(variance[0] * variance[1])))
+    """Density of slopes at those that glint, mean over each pixel."""
+    n = len(up) // PIXELS
+    density = gaussian(up - wanted[0], cross - wanted[1], *variance)
+    return density.reshape(PIXELS, n, PIXELS, n).mean(axis=(1, 3))
 
 
 def resolved(sea, seed, far):
@@ -63,25 +58,16 @@ def report(name, values):
     print(f"{name:<22}{start.std() / start.mean():6.2f}   {alike}")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--wind", type=float, default=9.0)
-    parser.add_argument("--seeds", type=int, default=10)
-    given = parser.parse_args()
+def main(wind, rounds):
+    count = rounds or 10
     surface._check_grid = lambda *_: None  # the peak wave is left out on purpose
-    sea = Sea(wind=given.wind)
-    k = np.geomspace(np.pi * COARSE / SIDE, 2 * np.pi / SHORTEST_WAVE, 4001)
-    share = np.cumsum(omnidirectional(k, sea) * k**3)
-    frequencies = np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
+    sea = Sea(wind=wind)
+    frequencies = sparkle_frequencies(sea, SIDE / COARSE)
     for far in (2.2, 1.0):
         print(f"\nglint at {far:g} sigma      CV     10 ms  60 ms 120 ms")
-        fine = [resolved(sea, seed, far) for seed in range(given.seeds)]
+        fine = [resolved(sea, seed, far) for seed in range(count)]
         report("resolved to 1 mm", [f for f, _ in fine])
         for patch in PATCHES:
-            seeds = range(1000, 1000 + 6 * given.seeds)
+            seeds = range(1000, 1000 + 6 * count)
             made = [faceted(sea, s, far, fine[0][1], patch, frequencies) for s in seeds]
             report(f"patch {1000 * patch:g} mm", made)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,19 +1,20 @@
 """Which spreading of the waves comes nearest to the slopes that Cox and Munk measured? (Thesis, Fig. 4.4.)
 
-    python benchmarks/spreading.py [--wind 9] [--shortest 0.1] [--picture out.png]
+    python -m benchmarks spreading [--wind 9] [--docs]
 
 Prints the Kullback-Leibler divergence between the slopes of JONSWAP seas (100 km of fetch, Gaussian, waves
-down to a length) and the Gram-Charlier density of Cox and Munk, and may draw their densities side by side.
+down to 10 cm) and the Gram-Charlier density of Cox and Munk; with --docs, draws their densities side by side.
 """
-
-import argparse
 
 import numpy as np
 
 from deglint.physics import slopes
 from deglint.physics.waves import Sea, slope_variance
 
+from .timing import ROOT
+
 EXPONENTS = (1, 2, 6, 18)
+SHORTEST = 0.1  # wave of the seas [m]
 STEP = 0.004
 AXIS = np.arange(-1.5, 1.5, STEP) + STEP / 2
 
@@ -23,11 +24,11 @@ def divergence(p, q):
     return float((p[held] * np.log(p[held] / q[held])).sum() * STEP**2)
 
 
-def densities(wind, shortest, convention):
+def densities(wind, convention):
     """Measured density, and those of the seas by exponent, over (upwind, crosswind) slope."""
     up, cross = np.meshgrid(AXIS, AXIS, indexing="ij")
     seas = {s: Sea(wind=wind, spectrum="jonswap", spreading=convention, exponent=s) for s in EXPONENTS}
-    drawn = {s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=shortest)) for s, sea in seas.items()}
+    drawn = {s: slopes.gaussian(up, cross, *slope_variance(sea, shortest=SHORTEST)) for s, sea in seas.items()}
     return slopes.density(up, cross, wind), drawn
 
 
@@ -45,21 +46,12 @@ def draw(path, wind, measured, drawn):
     figure.savefig(path, dpi=110)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--wind", type=float, default=9.0)
-    parser.add_argument("--shortest", type=float, default=0.1)
-    parser.add_argument("--picture")
-    given = parser.parse_args()
+def main(wind, docs):
     print("divergence of the drawn from the measured slopes, and of the measured from the drawn")
     for convention in ("half-angle", "full-angle"):
-        measured, drawn = densities(given.wind, given.shortest, convention)
+        measured, drawn = densities(wind, convention)
         for s, density in drawn.items():
             there, back = divergence(density, measured), divergence(measured, density)
             print(f"{convention} s={s:<3} {there:7.3f} {back:7.3f}")
-        if given.picture and convention == "half-angle":
-            draw(given.picture, given.wind, measured, drawn)
-
-
-if __name__ == "__main__":
-    main()
+        if docs and convention == "half-angle":
+            draw(ROOT / "docs" / "spreading.png", wind, measured, drawn)

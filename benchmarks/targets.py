@@ -13,26 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deglint import open_scene, remove_glint
+from deglint import remove_glint
 from deglint.physics.presets import preset
 from detect.bench.measure import rms_error
 
-from .error import DATA, DEEP
-from .implants import (
-    COLOURS,
-    SENSOR,
-    SIZES,
-    STEP,
-    Array,
-    Sea,
-    contrast,
-    implant,
-    scale,
-    shared,
-    simulated,
-    survive,
-    write,
-)
+from .error import DEEP
+from .files import DATA, values
+from .implants import COLOURS, SIZES, STEP, Array, Sea, contrast, implant, scale, shared, simulated, survive, write
 from .timing import machine, say
 
 Chain = Callable[[Sea, Path], Array]
@@ -45,7 +32,7 @@ def deglinted(sea: Sea, place: Path) -> Array:
     """What `deglint remove` makes of a scene, in digital numbers."""
     write(sea, place / "in.tif")
     remove_glint(place / "in.tif", place / "out.tif", overwrite=True)
-    return open_scene(place / "out.tif").read().astype(np.float64) / scale(sea.sensor)
+    return values(place / "out.tif") / scale(sea.sensor)
 
 
 def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
@@ -54,7 +41,7 @@ def groups(place: Path, quick: bool) -> Iterator[tuple[str, list[Sea]]]:
         for name in ("wind05_delay60", "wind09_delay60"):
             yield name, [shared(name)]
     seeds = range(101, 102 if quick else 104)
-    for sensor, patch in ((SENSOR, 0.005), (SENSOR, 0.06), (preset("worldview3"), 0.06)):
+    for sensor, patch in ((preset(n), p) for n, p in (("thesis", 0.005), ("thesis", 0.06), ("worldview3", 0.06))):
         for wind in (5.0, 9.0):
             name = f"{sensor.gsd:g} m, {wind:g} m/s, patch {patch:g}"
             yield name, [simulated(place, wind, patch, seed, sensor) for seed in seeds]

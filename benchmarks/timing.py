@@ -1,9 +1,10 @@
-"""Time functions in turns, and print measurements as markdown tables."""
+"""Time functions in turns, and print measurements as markdown tables or write them into pages of docs/."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from detect.bench.machine import load_now, versions
@@ -11,7 +12,10 @@ from detect.bench.machine import machine as machine_now
 
 from .processes import ROOT
 
-__all__ = ["ROOT", "in_turns", "machine", "say", "table"]
+__all__ = ["ROOT", "fill", "in_turns", "machine", "say", "table"]
+
+MARK = "<!-- measured -->"
+"""Stands before and after each part of a page that a benchmark writes."""
 
 
 def in_turns(
@@ -40,6 +44,18 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def say(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], note: str = "") -> None:
     """Print a titled table."""
     print(f"\n### {title}\n" + (f"\n{note}\n" if note else "") + f"\n{table(head, rows)}", flush=True)
+
+
+def fill(page: Path, texts: Sequence[str]) -> None:
+    """Replace the measured parts of a page, in order.
+
+    Raises ValueError: the page has another number of such parts.
+    """
+    parts = page.read_text(encoding="utf-8").split(MARK)
+    if len(parts) != 2 * len(texts) + 1:
+        raise ValueError(f"{page.name} needs {MARK} before and after each of {len(texts)} parts.")
+    parts[1::2] = [f"\n\n{text}\n\n" for text in texts]
+    page.write_text(MARK.join(parts), encoding="utf-8")
 
 
 def machine() -> str:

@@ -22,6 +22,7 @@ from deglint.simulate.artefacts import Artefacts
 from deglint.simulate.bottom import Bottom
 from deglint.simulate.cover import TARGET
 
+from .files import values
 from .scenes import SIDE, Array, Known, deglinted, objects
 from .timing import machine, say
 
@@ -106,7 +107,7 @@ def row(number: int, folder: Path) -> tuple[float, list[str]]:
     setup = drawn(number)
     write_scene(simulate(setup), folder / "scene", overwrite=True)
     known = Known.of(folder / "scene.tif")
-    raw = open_scene(known.path).read().astype(np.float64)
+    raw = values(known.path)
     errors = {"raw": known.error(raw)}
     for method in ("hedley", "joyce"):
         try:

@@ -8,30 +8,17 @@ from __future__ import annotations
 
 import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .timing import ROOT, machine, table
+from .scale import mosaic
+from .timing import machine, table
 
 SIDES = {"full": 8192, "quick": 2048}
 ROUNDS = 3
-
-
-def made(directory: Path, side: int) -> Path:
-    """A mosaic of the tile that `scale` is measured on."""
-    from .scale import TILE, mosaic
-
-    tile = directory / "tile.tif"
-    if not tile.exists():
-        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(tile), "--side", str(TILE),
-                        "--dtype", "uint16", "--compress", "deflate"], cwd=ROOT, check=True)  # fmt: skip
-    mosaic(tile, directory / f"{side}.vrt", side)
-    return directory / f"{side}.vrt"
 
 
 def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
@@ -60,13 +47,13 @@ def main(quick: bool, directory: Path | None, counts: Sequence[int] = (1, 2)) ->
     side = SIDES["quick" if quick else "full"]
     with tempfile.TemporaryDirectory(dir=directory) as scratch:
         place = directory or Path(scratch)
-        scene, out = made(place, side), Path(scratch) / "out.tif"
+        scene, out = mosaic(place, side), Path(scratch) / "out.tif"
         runs: dict[int, list[dict[str, float]]] = {n: [] for n in counts}
         most: dict[int, float] = {}
         for _ in range(ROUNDS):
             for n in counts:
                 with connect(workers=n) as cluster:
-                    once(cluster, made(place, 1024), out)
+                    once(cluster, mosaic(place, 1024), out)
                     runs[n].append(once(cluster, scene, out))
                     most[n] = max(cluster.memory().values()) / 1e6
         middle = {n: {k: statistics.median(r[k] for r in found) for k in found[0]} for n, found in runs.items()}

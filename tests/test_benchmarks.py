@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from benchmarks import ablation, away, floor, peers, scenes, seas, size, uncertainty, varied
+from benchmarks import ablation, away, floor, peers, scenes, seas, size, timing, uncertainty, varied
 from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
@@ -68,13 +68,14 @@ def test_children_are_measured_in_turns_and_failures_told(tmp_path):
     assert found["two"] == "ZeroDivisionError: division by zero"
     assert "cannot start" in found["none"]
     assert all(r.peak > 200 for r in found["three"])
+    assert all(r.written == 1 and r.read > 1000 for r in found["one"]) or not Path("/proc/self/io").exists()
     assert all(r.peak < 100 for r in found["one"]), "the memory of their parent is not theirs"
 
 
 def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
     a, b, copied = (tmp_path / name for name in ("a.tif", "b.tif", "copied.tif"))
     for path in (a, b):
-        seas.write_sea(path, 300, dtype="uint16", compress="deflate")
+        seas.write_sea(path, 300)
     floor.copy(str(a), str(copied))
     with rasterio.open(a) as one, rasterio.open(b) as two, rasterio.open(copied) as three:
         assert one.descriptions[6] == "NIR1"
@@ -85,8 +86,9 @@ def test_a_sea_is_the_same_every_time_and_so_is_its_copy(tmp_path):
 
 def test_other_programs_score_what_we_score():
     block, inside = peers.image(5, 24), slice(10, -10)  # at the edges programs shift or cut their windows
-    for jobs in (peers.global_jobs, peers.local_jobs):
-        mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs(block).values())
+    for window in (None, peers.WINDOW):
+        jobs = peers.jobs_of(block, window).values()
+        mine, *others = (np.asarray(job()).reshape(24, 24)[inside, inside] for job in jobs)
         for theirs in others:
             np.testing.assert_allclose(theirs, mine, rtol=3e-3)  # n or n - 1
 
@@ -135,6 +137,17 @@ def test_the_model_of_scale_is_a_line_through_what_was_measured(monkeypatch):
     assert f"{hours:.3g} min" in text
 
 
+def test_measured_parts_of_a_page_are_replaced(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"a\n\n{timing.MARK}\n\nold\n\n{timing.MARK}\n\nb\n")
+    timing.fill(page, ["new"])
+    assert page.read_text() == f"a\n\n{timing.MARK}\n\nnew\n\n{timing.MARK}\n\nb\n"
+    with pytest.raises(ValueError, match=r"page\.md needs .* each of 2 parts"):
+        timing.fill(page, ["one", "two"])
+    pages = {"benchmark": 1, "detection": 4, "field": 4, "scale-model": 4}
+    assert {n: (ROOT / "docs" / f"{n}.md").read_text().count(timing.MARK) // 2 for n in pages} == pages
+
+
 def choice(*chains, best=-1):
     """Candidates of these chains, one of them chosen."""
     tried = [Candidate(chain, "wiener", chain) for chain in chains]
@@ -172,7 +185,7 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "DATA", tmp_path)
     monkeypatch.setattr(scenes, "OWN", ())
     said = []
-    assert list(scenes.scenes(tmp_path, quick=False, say=said.append)) == []
+    assert list(scenes.scenes(quick=False, say=said.append)) == []
     assert len(said) == 2
     options = {"driver": "GTiff", "height": 4, "width": 4, "dtype": "float32"}
     for name, values in (("s", (3, 9)), ("s_truth", (2, 9)), ("s_mask", (0, 1))):

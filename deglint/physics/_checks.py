@@ -17,10 +17,7 @@ VIEW_LIMIT = 89.0
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
     """The value as float64, NaN kept; InputError if it lies outside [low, high].
 
-    Raises
-    ------
-    InputError
-        A value is below `low` or above `high`, or is not a number.
+    Raises InputError: a value is below `low` or above `high`, or is not a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -47,8 +44,10 @@ def view_angle(view_zenith: npt.ArrayLike) -> Array:
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
     """Latitude and longitude [degree]."""
-    north = within("latitude", latitude, -90.0, 90.0, "degrees", "North is positive.")
-    return north, within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
+    remedy = "North is positive. Are latitude and longitude swapped?"
+    return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
+        "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
+    )
 
 
 def day_number(day: npt.ArrayLike) -> Array:
@@ -59,10 +58,7 @@ def day_number(day: npt.ArrayLike) -> Array:
 def choice(name: str, value: Any, allowed: Any) -> None:
     """Check that a value is one of those allowed.
 
-    Raises
-    ------
-    InputError
-        The value is not among them.
+    Raises InputError: the value is not among them.
     """
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -1,4 +1,4 @@
-"""Compiled loops of `deglint.physics.surface`, each over a range of rows, so that threads may share the work."""
+"""Compiled loops of `deglint.physics.surface`, each over a slab (first row, last row + 1): threads share the work."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def frequency(i: int, n: int, step: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type: ignore[no-untyped-def]
+def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
     """Scale unit complex noise (rows, columns) in place to amplitudes.
 
     sums[row] gets the variances of height, east slope, north slope, and the covariance of slopes.
@@ -30,7 +30,7 @@ def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type
     log_start, log_step, log_density, spread = table
     kind, exponent, norm, opposing = how
     cell = row_step * column_step
-    for r in range(first, last):
+    for r in range(slab[0], slab[1]):
         north = -frequency(r, rows, row_step)
         for i in range(4):
             sums[r, i] = 0.0
@@ -62,16 +62,16 @@ def fill_amplitudes(noise, sums, first, last, steps, table, how, along):  # type
 
 
 @njit(nogil=True, cache=True)
-def evolve(amplitudes, out, first, last, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
+def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
     """Spectrum at a time: of the height, or of the complex field (east slope + i north slope).
 
-    Row r and its mirror image (rows - r) hold the same waves, so both are filled for r in first..last, which
-    runs over 0..rows // 2 only.
+    Row r and its mirror image (rows - r) hold the same waves, so both are filled for r in the slab, which lies
+    within 0..rows // 2.
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps
     tension, gravity, depth = physics
-    for r in range(first, last):
+    for r in range(slab[0], slab[1]):
         north = -frequency(r, rows, row_step)
         other = rows - r if r else 0
         for c in range(columns):

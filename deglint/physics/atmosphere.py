@@ -48,6 +48,8 @@ _LIMITS = {
 class Air:
     """State of the atmosphere.
 
+    Raises InputError: a value is out of range.
+
     Attributes
     ----------
     air_mass_type : float
@@ -64,11 +66,6 @@ class Air:
         Ozone column [DU]; see `ozone` for a climatology.
     pressure : float
         At the surface [hPa].
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
     """
 
     air_mass_type: float = 1.0
@@ -132,6 +129,8 @@ def irradiance(
 ) -> Irradiance:
     """Direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
 
+    Raises InputError: a value is out of range.
+
     Parameters
     ----------
     wavelength : array_like
@@ -151,11 +150,6 @@ def irradiance(
     -------
     Irradiance
         On a horizontal plane; direct / cos(sun zenith) is that on a plane facing the sun.
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
 
     Examples
     --------
@@ -184,10 +178,7 @@ def irradiance(
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
     """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm.
 
-    Raises
-    ------
-    InputError
-        A wavelength is below 300 or above 1000 nm.
+    Raises InputError: a wavelength is below 300 or above 1000 nm.
     """
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
@@ -219,10 +210,7 @@ def navy_aerosol(air: Air) -> Aerosol:
 def air_mass(sun_zenith: npt.ArrayLike) -> Array:
     """Relative air mass: path through the air over that to the zenith [1] (Kasten and Young 1989).
 
-    Raises
-    ------
-    InputError
-        The sun is below the horizon.
+    Raises InputError: the sun is below the horizon.
 
     Examples
     --------
@@ -245,17 +233,12 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
     """Climatological ozone column for a place and day [DU] (Van Heuklon 1979).
 
+    Raises InputError: a value is out of range.
+
     Parameters
     ----------
-    latitude, longitude : array_like
-        North and east positive [degree].
-    day : array_like
-        Day of the year.
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    latitude, longitude, day : array_like
+        North and east positive [degree], and day of the year.
 
     Examples
     --------

@@ -34,6 +34,8 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 
     The mean of the two polarisations, r = (r_s + r_p) / 2.
 
+    Raises InputError: an angle or index is out of range.
+
     Parameters
     ----------
     angle : array_like
@@ -45,11 +47,6 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     -------
     ndarray
         Power reflectance [1], 0 to 1.
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
 
     Examples
     --------
@@ -71,7 +68,7 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
     cosine : ndarray
         Of the incidence in air [1], 0 to 1.
     index : ndarray or float
-        Refractive index of water over that of air [1].
+        See `reflectance`.
 
     Examples
     --------
@@ -85,17 +82,12 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
 def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
     """Angle from the normal in the water, by Snell's law [degree].
 
+    Raises InputError: an angle or index is out of range.
+
     Parameters
     ----------
-    angle : array_like
-        Incidence in air, from the normal [degree], 0 to 90.
-    index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
+    angle, index : array_like
+        See `reflectance`.
 
     Examples
     --------
@@ -112,17 +104,12 @@ def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_IN
 
     The transmitted flux is 1 - r; it is spread over a wider cone, hence the factor 1 / n^2.
 
+    Raises InputError: an angle or index is out of range.
+
     Parameters
     ----------
-    angle : array_like
-        Angle of the ray in air, from the normal [degree], 0 to 90.
-    index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
+    angle, index : array_like
+        Of the ray in air; see `reflectance`.
 
     Examples
     --------

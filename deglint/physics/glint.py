@@ -7,8 +7,7 @@ argument.
 
 References
 ----------
-Cox, Munk (1954), "Measurement of the roughness of the sea surface from photographs of the sun's
-glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOSA.44.000838.
+Cox, Munk (1954), doi:10.1364/JOSA.44.000838; see `deglint.physics.slopes`.
 """
 
 from __future__ import annotations
@@ -64,6 +63,12 @@ class Glint(NamedTuple):
     tilt: Array
 
 
+def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    """Unit vector (east, north, up) of a zenith angle and an azimuth [degree]."""
+    z, a = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in (zenith, azimuth))
+    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)
+
+
 def facet(
     sun_zenith: npt.ArrayLike,
     sun_azimuth: npt.ArrayLike,
@@ -74,6 +79,8 @@ def facet(
 
     With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
     (-h_x / h_z, -h_y / h_z) are its slopes.
+
+    Raises InputError: a zenith angle is out of range.
 
     Parameters
     ----------
@@ -86,18 +93,13 @@ def facet(
     -------
     Facet
 
-    Raises
-    ------
-    InputError
-        A zenith angle is out of range.
-
     Examples
     --------
     >>> float(facet(20.5, 270.2, 0.0, 0.0).tilt.round(2))
     10.25
     """
-    to_sun = _direction(sun_angle(sun_zenith), sun_azimuth)
-    to_sensor = _direction(view_angle(view_zenith), view_azimuth)
+    to_sun = direction(sun_angle(sun_zenith), sun_azimuth)
+    to_sensor = direction(view_angle(view_zenith), view_azimuth)
     x, y, z = (a + b for a, b in zip(to_sun, to_sensor, strict=True))
     apart = np.sqrt(sum((a - b) ** 2 for a, b in zip(to_sun, to_sensor, strict=True)))
     level = np.hypot(x, y)
@@ -112,6 +114,8 @@ def probability(
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
 
+    Raises InputError: the sensor is too near to the horizon.
+
     Parameters
     ----------
     density : array_like
@@ -125,11 +129,6 @@ def probability(
     -------
     ndarray
         Share [1]; may exceed 1 for a source that is not small.
-
-    Raises
-    ------
-    InputError
-        The sensor is too near to the horizon.
 
     Examples
     --------
@@ -155,19 +154,14 @@ def radiance(
 
     Times pi / cos(sun zenith) it is the glint reflectance.
 
+    Raises InputError: an angle or index is out of range.
+
     Parameters
     ----------
-    density : array_like
-        Density of slopes p at the facet that glints [1].
-    view_zenith, tilt, incidence : array_like
-        Of the sensor, and of the facet [degree].
-    index : array_like
-        Refractive index of water [1].
-
-    Raises
-    ------
-    InputError
-        An angle or index is out of range.
+    density, view_zenith, tilt : array_like
+        See `probability`.
+    incidence, index : array_like
+        Angle between facet and sun [degree], and refractive index of water [1].
 
     Examples
     --------
@@ -180,15 +174,12 @@ def radiance(
 def cone(half_angle: npt.ArrayLike) -> Array:
     """Solid angle of a cone, 2 pi (1 - cos a) [sr].
 
+    Raises InputError: the angle is out of range.
+
     Parameters
     ----------
     half_angle : array_like
         Tolerance around the sun's centre [degree], 0 to 90.
-
-    Raises
-    ------
-    InputError
-        The angle is out of range.
 
     Examples
     --------
@@ -213,6 +204,8 @@ def sun_glint(
 ) -> Glint:
     """Sun glint from angles and wind.
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
@@ -232,11 +225,6 @@ def sun_glint(
     -------
     Glint
 
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
-
     Examples
     --------
     >>> float(sun_glint(20.5, 270.2, 0.0, 0.0, wind=9.0, wind_from=0.0).radiance.round(5))
@@ -246,9 +234,3 @@ def sun_glint(
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
     share = probability(density, view_zenith, tilt, solid_angle)
     return Glint(radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt)
-
-
-def _direction(zenith: Array, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
-    """Unit vector (east, north, up)."""
-    z, a = np.radians(zenith), np.radians(np.asarray(azimuth, dtype=np.float64))
-    return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)

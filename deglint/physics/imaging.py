@@ -38,6 +38,8 @@ def observe(
 ) -> Array:
     """The image that the sensor takes of a scene on a finer grid, without noise.
 
+    Raises InputError: the grid does not divide into pixels.
+
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
@@ -55,11 +57,6 @@ def observe(
     -------
     (row, column) ndarray
         Mean over each pixel, in the units of the scene; the mean of the scene is kept.
-
-    Raises
-    ------
-    InputError
-        The grid does not divide into pixels.
 
     Examples
     --------

@@ -62,6 +62,8 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 
     (Morel and Maritorena 2001, eq. 12 to 14).
 
+    Raises InputError: a value is out of range.
+
     Parameters
     ----------
     wavelength : array_like
@@ -72,11 +74,6 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     Returns
     -------
     Iops
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
 
     Examples
     --------
@@ -100,10 +97,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
     """Absorption of all particles, A C^E [1/m] (Bricaud et al. 1998); nothing beyond 720 nm.
 
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    Raises InputError: a value is out of range.
 
     Examples
     --------

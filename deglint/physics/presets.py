@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..errors import InputError
+from ._checks import choice
 from .sensor import Sensor, SensorBand
 
 _WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [s] of WorldView-3
@@ -79,17 +79,12 @@ PRESETS: dict[str, Sensor] = {
 def preset(name: str) -> Sensor:
     """Sensor by name.
 
-    Raises
-    ------
-    InputError
-        No such preset; the message lists them.
+    Raises InputError: no such preset; the message lists them.
 
     Examples
     --------
     >>> preset("worldview3").gsd
     1.24
     """
-    try:
-        return PRESETS[name]
-    except KeyError:
-        raise InputError(f"preset must be one of {', '.join(PRESETS)}, got {name!r}") from None
+    choice("preset", name, PRESETS)
+    return PRESETS[name]

@@ -216,10 +216,8 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     ----------
     row_frequency, column_frequency : array_like
         Along the columns (in-track) and along the rows [cycles/pixel]; they broadcast.
-    sensor : Sensor
-        Which sensor.
-    wavelength : float
-        [nm]
+    sensor, wavelength : Sensor, float
+        Sensor whose optics and detector blur, and the wavelength [nm].
 
     Returns
     -------
@@ -242,10 +240,8 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
     Parameters
     ----------
-    sensor : Sensor
-        Which sensor.
-    wavelength : float
-        [nm]
+    sensor, wavelength : Sensor, float
+        Sensor whose optics and detector blur, and the wavelength [nm].
     size : int
         Rows and columns, odd.
     oversample : int
@@ -285,7 +281,6 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
     radiance : array_like
         In the middle of the band [W m-2 sr-1 nm-1].
     sensor, band : Sensor, SensorBand
-        Which.
     exposure : float, optional
         [s]; by default the one that fills the well at the band's full scale.
 
@@ -308,12 +303,9 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
 
     Parameters
     ----------
-    signal : array_like
-        [electrons]
+    signal, exposure : array_like, float
+        [electrons], [s]
     sensor : Sensor
-        Which sensor.
-    exposure : float
-        [s]
     """
     fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
@@ -338,7 +330,6 @@ def digitise(
     radiance : ndarray
         After the optics [W m-2 sr-1 nm-1].
     sensor, band : Sensor, SensorBand
-        Which.
     generator : numpy Generator, optional
         Random generator of the noise; None for no noise.
 

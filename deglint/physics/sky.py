@@ -44,6 +44,8 @@ def radiance(
 
         (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
 
+    Raises InputError: a zenith angle is out of range, or there is no such sky.
+
     Parameters
     ----------
     zenith, azimuth : array_like
@@ -61,11 +63,6 @@ def radiance(
     -------
     ndarray
         Radiance [W m-2 sr-1 nm-1]; per unit of irradiance [1/sr] where `diffuse` is left out.
-
-    Raises
-    ------
-    InputError
-        A zenith angle is out of range, or there is no such sky.
 
     Examples
     --------
@@ -136,6 +133,8 @@ def reflectance(
     under a uniform sky. Facets that face away from the sensor, or mirror the sea instead of the sky, add
     nothing.
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     view_zenith, view_azimuth : array_like
@@ -148,11 +147,6 @@ def reflectance(
         One of `slopes.MODELS`, and the refractive index of water [1].
     nodes : int
         Facets along each axis; the computing time grows with its square.
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
 
     Examples
     --------

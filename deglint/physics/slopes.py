@@ -90,6 +90,8 @@ def density(
             [1 - c21 (Y^2 - 1) X / 2 - c03 (X^3 - 3 X) / 6 + c40 (Y^4 - 6 Y^2 + 3) / 24
                + c22 (X^2 - 1)(Y^2 - 1) / 4 + c04 (X^4 - 6 X^2 + 3) / 24].
 
+    Raises InputError: the wind is out of range, or there is no such model.
+
     Parameters
     ----------
     upwind, crosswind : array_like
@@ -105,11 +107,6 @@ def density(
     -------
     ndarray
         Density per unit slope along both axes [1]; its integral is 1.
-
-    Raises
-    ------
-    InputError
-        The wind is out of range, or there is no such model.
 
     Examples
     --------
@@ -138,6 +135,8 @@ def gaussian(
 ) -> Array:
     """Gaussian density of slopes with given variances, as for the waves that a pixel does not resolve.
 
+    Raises InputError: a variance is not above 0.
+
     Parameters
     ----------
     upwind, crosswind : array_like
@@ -149,11 +148,6 @@ def gaussian(
     -------
     ndarray
         Density per unit slope along both axes [1].
-
-    Raises
-    ------
-    InputError
-        A variance is not above 0.
 
     Examples
     --------
@@ -170,6 +164,8 @@ def gaussian(
 def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, Array]:
     """Variances of the slopes of the sea surface for a wind.
 
+    Raises InputError: the wind is out of range, or there is no such model.
+
     Parameters
     ----------
     wind : array_like
@@ -181,11 +177,6 @@ def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, A
     -------
     upwind, crosswind : ndarray
         Variances [1].
-
-    Raises
-    ------
-    InputError
-        The wind is out of range, or there is no such model.
 
     Examples
     --------
@@ -237,17 +228,14 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     The visible share of the sea is 1 / (1 + Lambda); the share that is visible and sunlit is 1 / (1 + Lambda_v +
     Lambda_s).
 
+    Raises InputError: an angle or variance is out of range.
+
     Parameters
     ----------
     zenith : array_like
         Zenith angle of the direction [degree], 0 to 89.9.
     variance : array_like
         Variance of the slopes along its azimuth [1], above 0.
-
-    Raises
-    ------
-    InputError
-        An angle or variance is out of range.
 
     Examples
     --------
@@ -275,6 +263,8 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
 
         U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  drag coefficient C = 1.3e-3.
 
+    Raises InputError: a height or the wind is out of range.
+
     Parameters
     ----------
     wind : array_like
@@ -286,11 +276,6 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
     -------
     ndarray
         Speed at `wanted_at` [m/s].
-
-    Raises
-    ------
-    InputError
-        A height or the wind is out of range.
 
     Examples
     --------

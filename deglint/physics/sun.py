@@ -6,8 +6,7 @@ azimuth are as seen from the place; by default the zenith angle includes refract
 References
 ----------
 Reda, Andreas (2004), "Solar position algorithm for solar radiation applications", Solar Energy 76,
-577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990), "A simple spectral solar irradiance model
-for cloudless maritime atmospheres", Limnology and Oceanography 35, 1657-1675, doi:10.4319/lo.1990.35.8.1657.
+577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990); see `deglint.physics.atmosphere`.
 """
 
 from __future__ import annotations
@@ -49,16 +48,16 @@ def position(
 ) -> Position:
     """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
 
+    Raises InputError: a coordinate is out of range, or a time cannot be read.
+
     Parameters
     ----------
     latitude, longitude : array_like
         Of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64, or a sequence of them
         Times; UTC unless a zone is given.
-    pressure : float
-        Of the air, for refraction [hPa].
-    temperature : float
-        Of the air, for refraction [degree Celsius].
+    pressure, temperature : float
+        Of the air, for refraction [hPa], [degree Celsius].
     refraction : bool
         Return the apparent zenith angle, with refraction; else the geometric one.
 
@@ -66,11 +65,6 @@ def position(
     -------
     Position
         Zenith angle above 90 where the sun is below the horizon.
-
-    Raises
-    ------
-    InputError
-        A coordinate is out of range, or a time cannot be read.
 
     Examples
     --------
@@ -90,22 +84,17 @@ def position(
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     """Next sunrise (centre of the sun) within a day, to about a minute.
 
+    Raises InputError: a coordinate is out of range, or the time cannot be read.
+
     Parameters
     ----------
-    latitude, longitude : float
-        Of the place, north and east positive [degree].
-    time : datetime, str or numpy.datetime64
-        Start of the search; UTC unless a zone is given.
+    latitude, longitude, time
+        Place, and start of the search; see `position`.
 
     Returns
     -------
     numpy.datetime64
         UTC; NaT where the sun does not rise within a day.
-
-    Raises
-    ------
-    InputError
-        A coordinate is out of range, or the time cannot be read.
 
     Examples
     --------
@@ -124,15 +113,12 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 def distance_factor(day: npt.ArrayLike) -> Array:
     """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
 
+    Raises InputError: the day is out of range.
+
     Parameters
     ----------
     day : array_like
         Day of the year, 1 on the first of January [1], 1 to 367.
-
-    Raises
-    ------
-    InputError
-        The day is out of range.
 
     Examples
     --------
@@ -154,17 +140,9 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 
 
 def day_of_year(time: Any) -> Array:
-    """Day of the year with its fraction, 1.0 at the start of the first of January UTC.
+    """Day of the year with its fraction, 1.0 at the start of the first of January UTC, for times as in `position`.
 
-    Parameters
-    ----------
-    time : datetime, str or numpy.datetime64, or a sequence of them
-        Times; UTC unless a zone is given.
-
-    Raises
-    ------
-    InputError
-        A time cannot be read.
+    Raises InputError: a time cannot be read.
 
     Examples
     --------
@@ -177,17 +155,9 @@ def day_of_year(time: Any) -> Array:
 
 
 def moment(time: Any) -> np.datetime64:
-    """A time in UTC to the second.
+    """A time as in `position`, in UTC to the second.
 
-    Parameters
-    ----------
-    time : datetime, str or numpy.datetime64
-        UTC unless a zone is given.
-
-    Raises
-    ------
-    InputError
-        The time cannot be read.
+    Raises InputError: the time cannot be read.
 
     Examples
     --------

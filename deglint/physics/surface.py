@@ -77,11 +77,7 @@ class Surface:
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
         physics = (SURFACE_TENSION, GRAVITY, self.sea.depth or 0.0)
-        by_rows(
-            lambda first, last: evolve(self.amplitudes, out, first, last, steps, time, slopes, physics),
-            rows // 2 + 1,
-            workers,
-        )
+        by_rows(lambda *slab: evolve(self.amplitudes, out, slab, steps, time, slopes, physics), rows // 2 + 1, workers)
         return fft.ifft2(out, norm="forward", overwrite_x=True, workers=workers)
 
 
@@ -118,6 +114,8 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)`` with
     standard normal r1 and r2, so that the expected variance is exactly the sum of ``Psi dkx dky``.
 
+    Raises InputError: the grid is smaller than one peak wave, or too coarse for it.
+
     Parameters
     ----------
     sea : Sea
@@ -127,11 +125,6 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
         The same seed gives the same surface to the bit, whatever `workers` is.
     workers : int
         Threads.
-
-    Raises
-    ------
-    InputError
-        The grid is smaller than one peak wave, or too coarse for it.
 
     Notes
     -----
@@ -159,7 +152,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     table, how = _tables(sea, min(steps), np.pi * np.sqrt(2) / spacing)
     azimuth = np.deg2rad(sea.wind_from)
     along = float(-np.sin(azimuth)), float(-np.cos(azimuth))  # east and north, downwind
-    by_rows(lambda first, last: fill_amplitudes(noise, sums, first, last, steps, table, how, along), rows, workers)
+    by_rows(lambda *slab: fill_amplitudes(noise, sums, slab, steps, table, how, along), rows, workers)
     height, east2, north2, both = sums.sum(axis=0)
     up = along[0] ** 2 * east2 + along[1] ** 2 * north2 + 2 * along[0] * along[1] * both
     return Surface(sea, spacing, noise, float(height), (float(up), float(east2 + north2 - up)))

@@ -54,6 +54,8 @@ def remote_sensing_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep case-1 water [1/sr].
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     wavelength : array_like
@@ -66,16 +68,6 @@ def remote_sensing_reflectance(
         Azimuth of the sensor minus that of the sun, from the target [degree].
     model : str
         One of `WATER_MODELS`.
-
-    Returns
-    -------
-    ndarray
-        Water-leaving radiance over irradiance, both just above the surface [1/sr].
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
 
     Examples
     --------
@@ -99,6 +91,8 @@ def object_reflectance(
 ) -> Array:
     """Remote-sensing reflectance over a Lambertian object in case-1 water [1/sr].
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     wavelength, chlorophyll, sun_zenith, view_zenith, relative_azimuth, model
@@ -109,16 +103,6 @@ def object_reflectance(
         Of the object, 0 to 1 [1].
     direct_fraction : array_like
         Direct over total irradiance above the surface, 0 to 1 [1].
-
-    Returns
-    -------
-    ndarray
-        Water-leaving radiance over irradiance, both just above the surface [1/sr].
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
 
     Examples
     --------
@@ -142,16 +126,13 @@ def deep_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep water with given properties [1/sr].
 
+    Raises InputError: a value is out of range, or there is no such model.
+
     Parameters
     ----------
     water : Iops
     sun_zenith, view_zenith, relative_azimuth, model
         See `remote_sensing_reflectance`.
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or there is no such model.
     """
     choice("model", model, WATER_MODELS)
     sun = sun_angle(sun_zenith)
@@ -172,6 +153,8 @@ def lee_2011(
 
         Rrs = (Gw0 + Gw1 b_bw / k) b_bw / k + (Gp0 + Gp1 b_bp / k) b_bp / k,  k = a + b_bw + b_bp
 
+    Raises InputError: an angle is outside the table.
+
     Parameters
     ----------
     water : Iops
@@ -179,11 +162,6 @@ def lee_2011(
         In air [degree], 0 to 75 and 0 to 70.
     relative_azimuth : array_like
         See `remote_sensing_reflectance` [degree].
-
-    Raises
-    ------
-    InputError
-        An angle is outside the table.
     """
     remedy = "Beyond the table of Lee et al. (2011) use model lee-1999."
     sun = within("sun_zenith", sun_zenith, 0.0, LEE_SUN_LIMIT, "degrees", remedy)
@@ -205,11 +183,7 @@ def lee_2011_grid(sun_zenith: float, view_zenith: npt.ArrayLike, relative_azimut
 
     Parameters
     ----------
-    sun_zenith : float
-        [degree]
-    view_zenith : (zenith,) array_like
-        [degree]
-    relative_azimuth : (azimuth,) array_like
+    sun_zenith, view_zenith, relative_azimuth : float, (zenith,) array_like, (azimuth,) array_like
         See `remote_sensing_reflectance` [degree].
 
     Returns
@@ -252,6 +226,8 @@ def submerged_reflectance(
     D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the transmittances
     of the surface.
 
+    Raises InputError: a value is out of range.
+
     Parameters
     ----------
     water : Iops
@@ -263,11 +239,6 @@ def submerged_reflectance(
         See `object_reflectance`.
     index : float
         Refractive index of water [1].
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
 
     Notes
     -----
@@ -302,10 +273,7 @@ def absorption_only_reflectance(
     The fast model of Fink (2014), section 2.5. Parameters are those of `submerged_reflectance`; backscattering of the
     water is not included.
 
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    Raises InputError: a value is out of range.
 
     Notes
     -----

@@ -151,7 +151,6 @@ def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = 
     Parameters
     ----------
     sea : Sea
-        Which sea.
     longest, shortest : float
         Wavelengths [m]; from ten peak wavelengths to 3 mm by default.
 
@@ -183,7 +182,6 @@ def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, sho
     lag : ndarray
         [s]
     sea : Sea
-        Which sea.
     longest, shortest : float
         Range of wavelengths [m]; a grid resolves those longer than two of its steps.
 

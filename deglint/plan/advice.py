@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .reticle import Mask, Reticle
+from .reticle import Reticle
 
 MARGIN = 3.0
 """Distance of the best viewing geometry from every excluded one, where possible [degree]."""
@@ -54,7 +54,7 @@ def best_geometry(
     good = contrast > 0
     if not good.any():
         return None
-    safe = good & _with_margin(good, plan.mission.widest)
+    safe = good & good[_ring(good.shape, plan.mission.widest)].all(axis=0)
     has_margin = bool(safe.any())
     chosen = np.where(safe if has_margin else good, contrast, -1.0)
     i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
@@ -117,11 +117,6 @@ def compass(azimuth: float) -> str:
     'south-west'
     """
     return _POINTS[round(azimuth / 22.5) % 16]
-
-
-def _with_margin(good: Mask, widest: float) -> Mask:
-    """Good viewing geometries whose neighbours at `MARGIN` are all good."""
-    return np.asarray(good[_ring(good.shape, widest)].all(axis=0))
 
 
 @lru_cache(maxsize=4)

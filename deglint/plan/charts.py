@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
     """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
-    best = best_moment(list(moments))
+    best = best_moment(moments)
     canvas.text((40, 22), "When to fly", 26)
     said = place_words(mission), str(moments[0].time)[:10], conditions(mission)[-1]
     canvas.text((40, 60), "   ".join(said), 15, GREY)
@@ -49,10 +50,10 @@ def selected(moments: Sequence[Moment]) -> list[int]:
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
-    best = best_moment(list(moments))
+    best = best_moment(moments)
     picked = {up[round(float(x))] for x in np.linspace(0, len(up) - 1, min(len(up), 2 * _ROW))}
     if best is not None:
-        k = list(moments).index(best)
+        k = moments.index(best)
         picked = picked if k in picked else (picked - {min(picked, key=lambda i: abs(i - k))}) | {k}
     return sorted(picked)
 
@@ -71,18 +72,14 @@ def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -
     peak = int(np.argmin([m.sun_zenith for m in moments]))
     high_sun = f"sun {90 - moments[peak].sun_zenith:.0f}°"
     canvas.text((sun[peak][0], sun[peak][1] - 10), high_sun, 13, _SUNNY, anchor="mm", halo=True)
-    run: list[Point] = []
-    for k, geometry in enumerate([*(m.geometry for m in moments), None]):
-        if geometry is not None:
-            run.append(at(k, geometry.contrast / high))
-            continue
+    for _, part in groupby(enumerate(moments), key=lambda item: item[1].geometry is None):
+        run = [at(k, m.geometry.contrast / high) for k, m in part if m.geometry is not None]
         if len(run) > 1:
             canvas.line(run, BLUE, 3)
         elif run:
             canvas.circle(run[0], 3, BLUE, -1)
-        run = []
     if best is not None and best.geometry is not None:
-        star(canvas, at(list(moments).index(best), best.geometry.contrast / high), 11.0)
+        star(canvas, at(moments.index(best), best.geometry.contrast / high), 11.0)
 
 
 def _axes(canvas: Canvas, moments: Sequence[Moment], high: float) -> None:
@@ -196,10 +193,7 @@ def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
     what, *more = words(found)
     count = len(found.winds[0]) * len(found.winds[1])
     blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
-    legend = (
-        ("/", ORANGE, "excluded under every wind"),
-        (".", ORANGE, "excluded under some of these winds"),
-    )
+    legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")
     top = float(good.max())
     shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)
     caption = Caption("Where to look from", blows, what, " ".join(more), legend, top)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import choice, within
+from ..physics._checks import choice, coordinates, within
 from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -167,10 +167,7 @@ class Mission:
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
                 "angles of the sun (--sun)."
             )
-        within(
-            "latitude", self.place[0], -90.0, 90.0, "degrees", "North is positive. Are latitude and longitude swapped?"
-        )
-        within("longitude", self.place[1], -180.0, 360.0, "degrees", "East is positive.")
+        coordinates(*self.place)
         if self.sun[0] > SUN_LIMIT:
             high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)
             what = "below the horizon ({:.1f} degrees)" if high < 0 else "too low ({:.1f} degrees; 1 is needed)"

@@ -81,7 +81,6 @@ def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
 
     Raises InputError: the port is taken.
     """
-
     try:
         return _Server(mission, port)
     except OSError as error:

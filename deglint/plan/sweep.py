@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -89,7 +89,7 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
         yield Moment(time, float(zenith), float(azimuth), best_geometry(plan), excluded_share(plan)), plan
 
 
-def best_moment(moments: list[Moment]) -> Moment | None:
+def best_moment(moments: Sequence[Moment]) -> Moment | None:
     """The time with the highest contrast; None if no time has a good viewing geometry."""
     good = [m for m in moments if m.geometry is not None]
     return max(good, key=lambda m: m.geometry.contrast if m.geometry else 0.0, default=None)

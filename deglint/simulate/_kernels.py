@@ -10,30 +10,26 @@ from ..jit import njit
 
 
 @njit(nogil=True, cache=True)
-def reflect(slopes, sparkle, density, sky, first, last, time, wind, slope_scale, glint, table):  # type: ignore[no-untyped-def]
-    """Slope density at the glinting slope, and sky radiance, of each facet.
+def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
+    """Fill `out`, (row, column) arrays of slope density at the glinting slope and of sky radiance, from a row to a row.
 
     slopes: (row, column) complex, east + i north. sparkle: (row, column, 4) amplitudes, (row, column) indexes
-    into angular frequencies; empty without sparkle. wind: sine and cosine of its azimuth. slope_scale: factors on
-    the slopes of the grid. glint: upwind and crosswind slope that glints, variances about each facet. table:
-    sky by upwind and crosswind slope, its first slope, its step.
+    into angular frequencies, these frequencies, time; empty without sparkle. wind: sine and cosine of its azimuth,
+    factors on the slopes of the grid. glint: upwind and crosswind slope that glints, variances about each facet.
+    table: sky by upwind and crosswind slope, its first slope, its step.
     """
-    amplitudes, choice, frequencies = sparkle
+    amplitudes, choice, frequencies, time = sparkle
+    density, sky = out
     cosine = np.cos(frequencies * time).astype(np.float32)
     sine = np.sin(frequencies * time).astype(np.float32)
     east_sine, east_cosine = np.float32(wind[0]), np.float32(wind[1])
-    up_scale, cross_scale = np.float32(slope_scale[0]), np.float32(slope_scale[1])
+    up_scale, cross_scale = np.float32(wind[2]), np.float32(wind[3])
     up_glint, cross_glint = np.float32(glint[0]), np.float32(glint[1])
     up_factor, cross_factor = np.float32(-0.5 / glint[2]), np.float32(-0.5 / glint[3])
     norm = np.float32(1.0 / (2.0 * math.pi * math.sqrt(glint[2] * glint[3])))
     values, start, per_step = table[0], np.float32(table[1]), np.float32(1.0 / table[2])
-    zero, one, top, faint = (
-        np.float32(0.0),
-        np.float32(1.0),
-        np.float32(values.shape[0] - 1.001),
-        np.float32(-50.0),
-    )
-    for r in range(first, last):
+    zero, one, faint, top = np.float32(0.0), np.float32(1.0), np.float32(-50.0), np.float32(values.shape[0] - 1.001)
+    for r in range(rows[0], rows[1]):
         for c in range(slopes.shape[1]):
             east, north = slopes[r, c].real, slopes[r, c].imag
             up = up_scale * (east * east_sine + north * east_cosine)

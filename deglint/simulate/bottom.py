@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import within
-from .materials import check_material
+from ..physics._checks import choice, within
+from .materials import SPECTRA
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -54,7 +54,7 @@ class Bottom:
         if self.edge is not None and not self.edge[1] > 0:
             raise InputError(f"edge must have a width above 0 m, got {self.edge[1]:g}; give (middle, width) [m]")
         for name in self.materials:
-            check_material(name)
+            choice("material", name, SPECTRA)
 
 
 def depth_and_patches(

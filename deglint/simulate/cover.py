@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import within
+from ..physics._checks import choice, within
 from .bottom import smooth_noise
-from .materials import check_material
+from .materials import SPECTRA
 
 if TYPE_CHECKING:
     from .setup import Setup
@@ -65,7 +65,7 @@ class FloatingTarget:
         within("speed", self.speed, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
         within("heading", self.heading, -360.0, 360.0, "degrees", "Give an azimuth from north.")
         within("wake", self.wake, 0.0, 5000.0, "m", "Give its length.")
-        check_material(self.material)
+        choice("material", self.material, SPECTRA)
 
     def place(self, time: float) -> tuple[float, float]:
         """Position of its centre, right and down [m], after a time [s]."""

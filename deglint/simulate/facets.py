@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ..physics import fresnel, glint, sky, slopes
 from ..physics.spectra import dispersion
 from ..physics.surface import Surface, by_rows, normals, realise
-from ..physics.waves import SHORTEST_WAVE, omnidirectional
+from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
 Array = npt.NDArray[np.floating[Any]]
@@ -36,6 +36,7 @@ class Facets:
     slope_scale: tuple[float, float]  # factors on the slopes of the grid, below 1 where these exceed what is measured
     sparkle: tuple[float, float]  # variance of the slopes that unresolved waves give facets as a whole
     unresolved: tuple[float, float]  # variance of the slopes about each facet
+    glinting_slope: tuple[float, float]  # of a facet that reflects the sun into the sensor
     glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
     _sparkle: tuple[Any, Any, Any]
     _sky: Array
@@ -62,17 +63,13 @@ class Facets:
         from ._kernels import reflect
 
         packed = self.surface.packed_slopes(time, workers=workers)
-        density, mirrored = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
+        out = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
         azimuth = np.radians(self.setup.wind_from)
-        wind = float(np.sin(azimuth)), float(np.cos(azimuth))
-        wanted = (*_glinting_slope(self.setup), *self.unresolved)
-        given = time, wind, self.slope_scale, wanted, (self._sky, -TABLE_REACH, TABLE_STEP)
-
-        def work(first: int, last: int) -> None:
-            reflect(packed, self._sparkle, density, mirrored, first, last, *given)
-
-        by_rows(work, len(packed), workers)
-        return density, mirrored
+        wind = (float(np.sin(azimuth)), float(np.cos(azimuth)), *self.slope_scale)
+        sparkle, table = (*self._sparkle, time), (self._sky, -TABLE_REACH, TABLE_STEP)
+        wanted = (*self.glinting_slope, *self.unresolved)
+        by_rows(lambda *rows: reflect(packed, sparkle, out, rows, wind, wanted, table), len(packed), workers)
+        return out
 
 
 def facets(setup: Setup, *, workers: int = 1) -> Facets:
@@ -82,8 +79,8 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     -----
     Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
     A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
-    drawn for each facet. Linear waves resolved to 1 mm (``benchmarks/sparkle.py``) have little sparkle at pixels of 25
-    cm: every facet contains most of the unresolved slopes.
+    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
+    of 25 cm: every facet contains most of the unresolved slopes.
     """
     waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
     surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
@@ -94,11 +91,13 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
     tilts = _pair(unresolved - about)
     drawn = _draw_sparkle(setup, tilts, sparkle, workers)
-    factor, table = _glint_factor(setup), _sky_table(setup, _pair(about))
-    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), factor, drawn, table)
+    facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
+    glinting = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
+    factor, table = _glint_factor(setup, facet, glinting), _sky_table(setup, _pair(about))
+    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), glinting, factor, drawn, table)
 
 
-def _pair(values: Array) -> tuple[float, float]:
+def _pair(values: Array | tuple[Array, Array]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
@@ -126,33 +125,21 @@ def _draw_sparkle(
     by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
     if max(setup.times) == 0:  # nothing moves
         return amplitudes, np.zeros(shape, np.uint16), np.zeros(1)
-    frequencies = _sparkle_frequencies(setup)
+    frequencies = sparkle_frequencies(setup.sea, setup.facet)
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 
-def _sparkle_frequencies(setup: Setup, count: int = 4096) -> Array:
-    """Angular frequencies with equal shares of the unresolved slope variance [rad/s]."""
-    shortest = min(SHORTEST_WAVE, setup.facet)
-    k = np.geomspace(np.pi / setup.facet, 2 * np.pi / shortest, 4001)
-    share = np.cumsum(omnidirectional(k, setup.sea) * k**3)
+def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Array:
+    """Angular frequencies with equal shares of the slope variance that facets of a size [m] do not resolve [rad/s]."""
+    k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
+    share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))
 
 
-def _angles(setup: Setup) -> tuple[float, float, float, float]:
-    return setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth
-
-
-def _glinting_slope(setup: Setup) -> tuple[float, float]:
-    facet = glint.facet(*_angles(setup))
-    up, cross = slopes.to_wind_axes(facet.east, facet.north, setup.wind_from)
-    return float(up), float(cross)
-
-
-def _glint_factor(setup: Setup) -> float:
+def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
     """Radiance per slope density and irradiance, times the ratio of the Gram-Charlier series to a Gaussian."""
-    facet, wanted = glint.facet(*_angles(setup)), _glinting_slope(setup)
-    series = slopes.density(*wanted, slopes.wind_at_height(setup.wind), model=setup.slopes)
-    plain = slopes.gaussian(*wanted, *setup.slope_variance)
+    series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
+    plain = slopes.gaussian(*glinting, *setup.slope_variance)
     factor = glint.radiance(1.0, setup.view_zenith, facet.tilt, facet.incidence)
     return float(factor * series / plain) if plain > 0 else 0.0
 
@@ -168,13 +155,12 @@ def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
     east, north = slopes.from_wind_axes(axis[:, None], axis[None, :], setup.wind_from)
     level = np.sqrt(1 + east**2 + north**2)
     normal = np.stack([-east, -north, np.ones_like(east)]) / level
-    zenith, azimuth = np.radians(setup.view_zenith), np.radians(setup.view_azimuth)
-    view = np.array([np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)])
+    view = np.array(glint.direction(setup.view_zenith, setup.view_azimuth))
     cosine = np.clip(np.tensordot(view, normal, 1), 0.0, 1.0)
     east, north, up = 2 * cosine * normal - view[:, None, None]
     away = np.degrees(np.arccos(np.clip(up, 0.0, 1.0)))  # a ray that goes down again meets the horizon
     turn = np.degrees(np.arctan2(east, north)) % 360
     seen = sky.radiance(away, turn, setup.sun_zenith, setup.sun_azimuth, model=setup.sky)
-    mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / np.cos(zenith)
+    mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / view[2]
     sigma = [float(np.sqrt(v)) / TABLE_STEP for v in about]
     return gaussian_filter(mirrored, sigma, mode="nearest").astype(np.float32)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError
+from ..physics._checks import choice
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -32,22 +32,15 @@ SPECTRA = {
 """Reflectance [1] by material."""
 
 
-def check_material(name: str) -> None:
-    """Check that a material is in `SPECTRA`.
-
-    Raises InputError: there is no such material; the message lists them.
-    """
-    if name not in SPECTRA:
-        raise InputError(f"material must be one of {', '.join(SPECTRA)}, got {name!r}. Choose one of these.")
-
-
 def reflectance(name: str, wavelength: npt.ArrayLike) -> Array:
     """Reflectance of a material [1] at wavelengths [nm].
+
+    Raises InputError: there is no such material; the message lists them.
 
     Examples
     --------
     >>> reflectance("sand", [475.0, 900.0]).round(3).tolist()
     [0.26, 0.457]
     """
-    check_material(name)
+    choice("material", name, SPECTRA)
     return np.asarray(np.interp(np.asarray(wavelength, np.float64), WAVELENGTHS, SPECTRA[name]))

@@ -112,16 +112,10 @@ def thesis_array(
             " enlarge the scene, or give smaller sides"
         )
     return tuple(
-        square(
-            (columns / 2 + (j + 0.5) * across) * gsd,
-            (i + 0.5) * down * gsd,
-            sides[i % len(sides)] * gsd,
-            reflectance=reflectance,
-            depth=depth,
-        )
-        for i in range(count)
-        for j, reflectance in enumerate(reflectances)
-    )
+        square((columns / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, sides[i % len(sides)] * gsd,
+               reflectance=reflectance, depth=depth)
+        for i in range(count) for j, reflectance in enumerate(reflectances)
+    )  # fmt: skip
 
 
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:

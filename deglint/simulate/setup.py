@@ -277,7 +277,4 @@ def experiments(
         for delay, f_number in product(delays, f_numbers):
             name = f"wind{wind:02g}_delay{1000 * delay:03.0f}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
             sensor = replace(base.sensor.delayed(delay), f_number=f_number)
-            yield (
-                name,
-                replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor),
-            )
+            yield name, replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor)
