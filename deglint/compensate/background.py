@@ -142,40 +142,19 @@ def around(band: Float32, cap: float) -> Float32:
 
 @dataclass(frozen=True)
 class Background:
-    """Fitted background; pixels above it are glint.
-
-    Attributes
-    ----------
-    size : int
-        Width of the window [pixel].
-    order : tuple of int
-        Bands by time.
-    colour : tuple of float
-        Radiance of glint in each band, relative, in units of about one standard deviation of noise.
-    offsets, sigmas : tuple of float
-        Of each band: mode of the difference between band and opening, and the standard deviation of the noise.
-    cover : float
-        Fraction of glint pixels in the sample, 0..1; median of the bands.
-    cut : tuple of float
-        Decrease of the mean of each band, caused by replacing noise above the background [scene's unit].
-    limit : float, optional
-        Least detail that two bands must share to count as an outline, in units of `colour`; None where outlines are not
-        used.
-    caps : tuple of (float, float)
-        For resampled images with ringing: brightest value that counts as water, and noise, of each band; else empty.
-    """
+    """Fitted background; pixels above it are glint."""
 
     name: ClassVar[str] = "identify-level"
-    size: int
-    order: tuple[int, ...]
-    colour: tuple[float, ...]
-    offsets: tuple[float, ...]
-    sigmas: tuple[float, ...]
-    cover: float
-    limit: float | None
-    caps: tuple[tuple[float, float], ...] = ()
-    reach: int = 0
-    cut: tuple[float, ...] = ()
+    size: int  # width of the window [pixel]
+    order: tuple[int, ...]  # bands by time
+    colour: tuple[float, ...]  # relative radiance of glint in each band, about one standard deviation of noise
+    offsets: tuple[float, ...]  # mode of the difference between each band and its opening
+    sigmas: tuple[float, ...]  # standard deviation of the noise of each band
+    cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
+    limit: float | None  # least detail shared by two bands that is an outline [`colour`]; None: outlines are not used
+    caps: tuple[tuple[float, float], ...] = ()  # with ringing: brightest value of water and noise, of each band
+    reach: int = 0  # radius of the widest PSF [pixel]
+    cut: tuple[float, ...] = ()  # decrease of each band's mean by replacing noise above the background [scene's unit]
 
     @property
     def clear(self) -> float:
@@ -234,23 +213,9 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the background to a sample of a scene.
+    """Fit the background to a sample of a scene; `number` is the width of the window, odd [pixel].
 
-    Parameters
-    ----------
-    sample : Sample
-    setting : Setting
-    number : float, optional
-        Width of the window, odd [pixel].
-
-    Returns
-    -------
-    Background
-
-    Raises
-    ------
-    FitError
-        The sample is too small.
+    Raises FitError: the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
@@ -290,9 +255,6 @@ def ringing(sample: Sample, sigma: npt.NDArray[np.float64]) -> tuple[tuple[float
     Resampling leaves negative lobes beside sparkle, which an erosion would spread. They are pits below the water. Dark
     objects also are below it, but not in all bands, as water hides them in some. So an image has ringing if every band
     has pits.
-
-    They are pits below the water. Dark objects are in some bands only, as water hides them in others: it rings where
-    every band has pits.
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

@@ -28,16 +28,12 @@ Cameras of satellites, aircraft and drones have between one and two times."""
 class PSF:
     """A point spread function on the grid of the pixels.
 
-    Attributes
-    ----------
-    kernel : (side, side) float64 ndarray
-        Share of the light of a point source in each pixel, the source at the centre of the central pixel; sums to 1.
-    truncated : float
-        Share of the light that falls outside the kernel, 0..1.
+    The kernel (side, side) is the share of the light of a point source in each pixel, with the source at the centre of
+    the central pixel; it sums to 1.
     """
 
     kernel: Float64Array = field(repr=False)
-    truncated: float = 0.0
+    truncated: float = 0.0  # share of the light that falls outside the kernel, 0..1
 
     def __post_init__(self) -> None:
         side = len(self.kernel)
