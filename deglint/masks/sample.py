@@ -40,50 +40,24 @@ class SampleRule:
     """Criteria of the deep-water sample, as plain numbers.
 
     NIR and visible sum are quantised, (value - centre) / step rounded to integers ("grains"), so that box sums are
-    exact and do not depend on the tile.
-
-    Attributes
-    ----------
-    water : WaterRule
-    weights : tuple of float
-        Weight of each band of `roles.visible` in the visible sum [1/unit].
-    centre, step : tuple of float
-        Of the NIR [unit] and of the visible sum.
-    distance : int
-        Distance from everything that is not water [pixel].
-    slope : float
-        Slope of the visible sum against the NIR, to subtract glint from the local level.
-    level : float
-        Upper limit of the local mean of the visible sum, glint subtracted [grain].
-    residual, variance : float
-        Typical local variance that the NIR does not explain, and typical variance of the NIR [grain^2].
-    least_variance : float
-        Lower limit of the local NIR variance [grain^2].
-    r_squared : float
-        Share of the local visible variance in the sample that the NIR explains, 0..1; near 0 there is no
-        glint that the bands share (calm water, or bands that are not simultaneous).
-    glint : float
-        Local standard deviation of the NIR in the sample [unit of the NIR].
-    pixels : int
-        Sample pixels in the blocks that were used for fitting.
-    share : float
-        Their share of the valid pixels, 0..1.
+    exact and do not depend on the tile. Where `r_squared` is near 0, the bands share no glint (calm water, or bands
+    that are not simultaneous).
     """
 
     water: WaterRule
-    weights: tuple[float, ...]
-    centre: tuple[float, float]
-    step: tuple[float, float]
-    distance: int = 0
-    slope: float = 0.0
-    level: float = np.inf
-    residual: float = np.inf
-    variance: float = 1.0
-    least_variance: float = 0.0
-    r_squared: float = np.nan
-    glint: float = np.nan
-    pixels: int = 0
-    share: float = 0.0
+    weights: tuple[float, ...]  # of each band of `roles.visible` in the visible sum [1/unit]
+    centre: tuple[float, float]  # of the NIR [unit] and of the visible sum
+    step: tuple[float, float]  # likewise
+    distance: int = 0  # from everything that is not water [pixel]
+    slope: float = 0.0  # of the visible sum against the NIR, to subtract glint from the local level
+    level: float = np.inf  # upper limit of the local mean of the visible sum, glint subtracted [grain]
+    residual: float = np.inf  # typical local variance that the NIR does not explain [grain^2]
+    variance: float = 1.0  # typical variance of the NIR [grain^2]
+    least_variance: float = 0.0  # lower limit of the local NIR variance [grain^2]
+    r_squared: float = np.nan  # share of the local visible variance in the sample that the NIR explains, 0..1
+    glint: float = np.nan  # local standard deviation of the NIR in the sample [unit of the NIR]
+    pixels: int = 0  # sample pixels in the fitted blocks
+    share: float = 0.0  # their share of the valid pixels, 0..1
 
     @property
     def halo(self) -> int:
@@ -271,11 +245,6 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     )
 
 
-def _far(other: BoolArray, distance: int) -> BoolArray:
-    """Pixels at least `distance` from other surfaces (in a square neighbourhood)."""
-    return ~grown(other, 2 * distance + 1) if distance else ~other
-
-
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
     """Statistics of the masked pixels of all blocks, flattened."""
     first, *others = zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)
@@ -287,7 +256,7 @@ def _choose_distance(
 ) -> tuple[SampleRule, _Local]:
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
-        kept = [s.enough & _far(o, distance) for s, o in zip(local, other, strict=True)]
+        kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
         count = sum(int(k.sum()) for k in kept)
         if count >= ENOUGH:
             break
@@ -361,7 +330,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)
-    chosen &= _far(valid & ~mask, rule.distance)
+    chosen &= ~grown(valid & ~mask, 2 * rule.distance + 1)
     return opened(chosen | ~valid, CLEANING) & chosen
 
 
