@@ -169,35 +169,32 @@ class Background:
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
-    def source(self, state: State) -> tuple[Float32, bool]:
-        """The bands to open, and whether they are deconvolved; where the image rings, its pits are filled instead."""
+    def opened(self, state: State) -> tuple[Float32, Float32]:
+        """The bands to open: deconvolved, or with filled pits where the image rings; and their openings by a square."""
+        source = state.image if state.sharp is None else state.sharp
         if self.caps:
             parts = zip(state.image, self.caps, strict=True)
-            return np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts]), False
-        return (state.image, False) if state.sharp is None else (state.sharp, True)
+            source = np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts])
+        return source, np.stack([opening(b, self.size) for b in source])
 
-    def details(self, state: State) -> tuple[Float32, Float32]:
-        """Openings by a square, and the outlines that neighbours in time share, in units of `colour`."""
-        source, _ = self.source(state)
-        level = np.stack([opening(b, self.size) for b in source])
+    def details(self, source: Float32, level: Float32) -> Float32:
+        """Outlines beside these openings that neighbours in time share, in units of `colour`."""
         unit = np.array(self.colour, np.float32)[:, None, None]
-        return level, shared(outlines(source, level, self.size) / unit, self.order)
+        return shared(outlines(source, level, self.size) / unit, self.order)
 
     def level(self, state: State) -> Float32:
         """Opened bands with outlines, blurred like the image; without the offsets."""
         import cv2
 
-        source, sharpened = self.source(state)
-        if self.limit is None:
-            level = np.stack([opening(b, self.size) for b in source])
-        else:
-            level, detail = self.details(state)
+        source, level = self.opened(state)
+        if self.limit is not None:
+            detail = self.details(source, level)
             seen = np.count_nonzero(detail > np.float32(max(self.limit, 1e-6)), axis=0) >= 2
             if seen.any():
                 near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
                 for b, unit in enumerate(self.colour):
                     level[b] += detail[b] * (near * np.float32(unit))
-        if sharpened and state.psfs is not None:
+        if state.sharp is not None and state.psfs is not None and not self.caps:
             level = np.stack([blurred(b, p) for b, p in zip(level, state.psfs, strict=True)])
         return level
 
@@ -221,7 +218,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     bands = range(len(setting.bands))
     sample.values([s.image[0] for s in states])  # refuses what is too small
     sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
-    colour = setting.colour / (1 if states[0].unit is None else states[0].unit)
+    unit = np.float32(1) if states[0].unit is None else states[0].unit
+    colour = setting.colour / unit
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)
     reach = max((p.radius for p in states[0].psfs or ()), default=0)
     caps = ringing(sample, sigma)
@@ -237,7 +235,6 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
         found.append((middle, about, float((excess > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
-    unit = 1.0 if states[0].unit is None else states[0].unit
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
 
 
@@ -245,7 +242,7 @@ def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
     """Least detail that exceeds the detail that sparkle shares, from the NIR, which shows glint and no objects under
     water.
     """
-    details = [stage.details(s)[1] for s in sample.states]
+    details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 

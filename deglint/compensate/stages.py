@@ -138,12 +138,11 @@ def parse(text: str) -> tuple[Step, ...]:
         if name not in STAGES:
             raise InputError(f"stage {name!r} is not one of {', '.join(STAGES)}.")
         steps.append(Step(name, _number(name, number) if colon else None))
-    if sum(s.name == "remove" for s in steps) > 1:
+    names = [step.name for step in steps]
+    if names.count("remove") > 1:
         raise InputError("a chain removes once; name other stages before and after it.")
-    _check(steps)
-    if not any(s.name == "remove" for s in steps):
-        steps.append(Step("remove"))
-    return tuple(steps)
+    _check(names)
+    return tuple(steps) if "remove" in names else (*steps, Step("remove"))
 
 
 def _number(name: str, text: str) -> float:
@@ -163,28 +162,26 @@ def _number(name: str, text: str) -> float:
     return number
 
 
-def _check(steps: Sequence[Step]) -> None:
+def _check(names: Sequence[str]) -> None:
     """Check that each stage comes after the stages whose results it needs."""
     ready: set[str] = set()
-    for place, step in enumerate(steps):
-        after = [s.name for s in steps[place + 1 :]]
-        if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
+    for place, name in enumerate(names):
+        before, after = names[:place], names[place + 1 :]
+        if name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
             raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
-        if step.name == "posterior" and "remove" not in [s.name for s in steps[:place]]:
+        if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
-        if step.name == "targets" and "remove" in [s.name for s in steps[:place]]:
+        if name == "targets" and "remove" in before:
             raise InputError("targets are found before the removal: name remove after it.")
-        if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
+        if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
-        if step.name in ("replace-bands", "median") and "glint" not in ready:
-            raise InputError(
-                f"{step.name} needs glint to be identified: name identify-median or identify-level before it."
-            )
-        if step.name == "replace-level" and "level" not in ready:
+        if name in ("replace-bands", "median") and "glint" not in ready:
+            raise InputError(f"{name} needs glint to be identified: name identify-median or identify-level before it.")
+        if name == "replace-level" and "level" not in ready:
             raise InputError("replace-level needs a level: name identify-level before it.")
-        if step.name.startswith("identify"):
-            ready |= {"glint"} | ({"level"} if step.name == "identify-level" else set())
-        if step.name in ("replace-level", "median", "remove"):
+        if name.startswith("identify"):
+            ready |= {"glint", "level"} if name == "identify-level" else {"glint"}
+        if name in ("replace-level", "median", "remove"):
             ready.clear()
 
 
