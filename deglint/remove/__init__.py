@@ -148,27 +148,12 @@ def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[F
 def fit_pointwise(
     method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[npt.NDArray[np.bool_]]
 ) -> GlintModel:
-    """Fit a pointwise method to blocks in memory.
+    """Fit a method that uses no neighbouring pixels to blocks in memory.
 
-    Parameters
-    ----------
-    method : str
-        Key of `METHODS`, of a method that uses no neighbouring pixels.
-    request : FitRequest
-        Bands, references and options; see `nir_request`.
-    blocks : sequence of (band, row, column) ndarray
-        Physical values of all bands, NaN where not valid.
-    masks : sequence of (row, column) bool ndarray
-        Sample of each block.
+    blocks : (band, row, column) each, physical values of all bands, NaN where not valid
+    masks : (row, column) each, True over the sample
 
-    Returns
-    -------
-    GlintModel
-
-    Raises
-    ------
-    FitError
-        The sample does not allow a fit.
+    Raises FitError: the sample does not allow a fit.
     """
     chosen = METHODS[method]
     if chosen.plan is None:
