@@ -247,8 +247,7 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
 
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
     """Statistics of the masked pixels of all blocks, flattened."""
-    first, *others = zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)
-    return _Local(np.concatenate(first), *(np.concatenate(part) for part in others))
+    return _Local(*map(np.concatenate, zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)))
 
 
 def _choose_distance(
