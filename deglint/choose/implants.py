@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ..compensate.state import Float32, Mask
 from ..physics.iops import WAVELENGTH_RANGE, case1
 from ..remove.mixture import PLUME, TURBID
 from ..scene import Band
-
-Float32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 SCALES = (1, 3, 9, 27)
 """Windows of the local means between which textures lie [pixel]: factors of three divide the range from one pixel to

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, State, clump_width, fit_chain
 from ..errors import FitError
+from ..moments import Float64
 from ..morphology import grown
 from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
@@ -47,7 +47,7 @@ class Trial:
     error: float = float("nan")  # expected error, relative to the water
 
     @property
-    def signals(self) -> npt.NDArray[np.float64]:
+    def signals(self) -> Float64:
         """Gain at each scale of `SCALES`; at the coarsest that of plumes."""
         textures = [v for k, v in self.gains.items() if k.startswith("texture")]
         return np.array([*textures, self.gains["plumes"]])

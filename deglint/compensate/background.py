@@ -22,6 +22,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Float64
 from ..remove.noise import noise, spread
 from .sharpen import blurred
 from .state import Float32, Sample, Setting, State
@@ -246,7 +247,7 @@ def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
-def ringing(sample: Sample, sigma: npt.NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
     """Caps and noise of each band if the image has ringing from resampling; else empty.
 
     Resampling leaves negative lobes beside sparkle, which an erosion would spread. They are pits below the water. Dark

@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
+from ..moments import Float64
 from ..physics.sensor import Sensor, SensorBand, cutoff
 from ..physics.sensor import psf as sample_psf
-
-Float64Array = npt.NDArray[np.float64]
 
 MOST_TRUNCATED = 0.03
 """Share of the light that may fall outside the kernel: less than the effect of an error of 5 % in the f-number."""
@@ -32,7 +30,7 @@ class PSF:
     the central pixel; it sums to 1.
     """
 
-    kernel: Float64Array = field(repr=False)
+    kernel: Float64 = field(repr=False)
     truncated: float = 0.0  # share of the light that falls outside the kernel, 0..1
 
     def __post_init__(self) -> None:
@@ -49,7 +47,7 @@ class PSF:
         """Reach of the kernel [pixel]."""
         return len(self.kernel) // 2
 
-    def factors(self, rank: int = 1) -> list[tuple[Float64Array, Float64Array]]:
+    def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
         """Separable factors (down, across) of the best approximation of the kernel of a rank.
 
         The sum of their outer products is scaled to a total of 1.

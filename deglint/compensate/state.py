@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError, InputError
+from ..moments import Float64, Mask
 from ..remove.colour import SUN_ZENITH
 from ..scene import Band
 from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ class Setting:
     psfs: tuple[PSF, ...] | None = None  # of the bands, where the optics are known
 
     @cached_property
-    def wavelengths(self) -> npt.NDArray[np.float64]:
+    def wavelengths(self) -> Float64:
         """Wavelengths of the bands [nm]; NaN where not known."""
         return np.array([b.wavelength or np.nan for b in self.bands])
 
     @cached_property
-    def offsets(self) -> npt.NDArray[np.float64] | None:
+    def offsets(self) -> Float64 | None:
         """Time offset of each band [s]; None if not known for all bands."""
         found = [b.time_offset for b in self.bands]
         return None if any(t is None for t in found) else np.array(found, np.float64)
@@ -101,7 +101,7 @@ class Setting:
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 
     @cached_property
-    def saturation(self) -> npt.NDArray[np.float64]:
+    def saturation(self) -> Float64:
         """Saturation value of each band; infinity where not known."""
         return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
 
@@ -140,7 +140,7 @@ ROUNDED = 0.999
 """Share of the saturation value from which pixels count as saturated: values are rounded."""
 
 
-def saturation(sample: Sample, setting: Setting) -> npt.NDArray[np.float64]:
+def saturation(sample: Sample, setting: Setting) -> Float64:
     """Value from which each band of the scene is saturated, as declared, or where values pile up; infinity where not
     known.
     """

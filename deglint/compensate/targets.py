@@ -26,13 +26,13 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Float64
 from ..morphology import grown
 from ..remove.colour import SUN_ZENITH
 from ..remove.noise import noise
 from .spectra import Model, models
 from .state import Float32, Mask, Sample, Setting, State, saturation
 
-Float64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
 

@@ -7,14 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import Float64
 from ..morphology import grown, opened
 from ..scene import FloatArray
 from .surface import BoolArray, Roles, WaterRule, check_looks, thinned, valid_for, water
-
-Float64Array = npt.NDArray[np.float64]
 
 SIZE = 15
 """Side of the square for local statistics of water [pixel]."""
@@ -78,18 +76,18 @@ class _Local(NamedTuple):
     """Statistics of water in the square around each pixel, in grains (see `SampleRule`)."""
 
     enough: BoolArray
-    nir: Float64Array
-    level: Float64Array
-    variance: Float64Array
-    covariance: Float64Array
-    visible: Float64Array
+    nir: Float64
+    level: Float64
+    variance: Float64
+    covariance: Float64
+    visible: Float64
 
     def pick(self, chosen: BoolArray | slice) -> _Local:
         first, *others = self
         return _Local(first[chosen], *(a[chosen] for a in others))
 
     @property
-    def residual(self) -> Float64Array:
+    def residual(self) -> Float64:
         """Visible variance that the NIR does not explain."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
@@ -187,7 +185,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> BoolArray:
     return _select(block, mask, _local(block, mask, rule), rule)
 
 
-def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64Array:
+def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
     total = np.zeros(block.shape[1:])
     for band, weight in zip(roles.visible, weights, strict=True):
         total += block[band] * np.float64(weight)
@@ -221,11 +219,11 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
     import cv2
 
-    def box(values: Float64Array) -> Float64Array:
+    def box(values: Float64) -> Float64:
         sums = cv2.boxFilter(values, -1, (SIZE, SIZE), normalize=False, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(sums, np.float64)
 
-    def grains(values: Float64Array, k: int) -> Float64Array:
+    def grains(values: Float64, k: int) -> Float64:
         counted = np.rint((values - rule.centre[k]) / rule.step[k])
         return np.where(mask, np.clip(counted, -(2**20), 2**20), 0.0)
 
@@ -233,7 +231,7 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     nir = grains(block[roles.nir].astype(np.float64), 0)
     visible = grains(_visible_sum(block, roles, rule.weights), 1)
     count = box(mask.astype(np.float64))
-    inverse: Float64Array = 1.0 / np.maximum(count, 1.0)
+    inverse: Float64 = 1.0 / np.maximum(count, 1.0)
     mean_nir, mean_visible = box(nir) * inverse, box(visible) * inverse
     return _Local(
         mask & (count >= SIZE * SIZE / 2),
@@ -294,7 +292,7 @@ def _even(local: _Local, rule: SampleRule) -> BoolArray:
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
-def _darker_kind(level: Float64Array) -> BoolArray:
+def _darker_kind(level: Float64) -> BoolArray:
     """The darkest class, splitting by Otsu's threshold while there are clearly two classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
@@ -306,7 +304,7 @@ def _darker_kind(level: Float64Array) -> BoolArray:
     return dark
 
 
-def _otsu(values: Float64Array) -> tuple[float, float]:
+def _otsu(values: Float64) -> tuple[float, float]:
     """Threshold with the largest variance between classes, and its share of the variance [0..1]."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:

@@ -18,10 +18,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
+from ..moments import Mask
 from ..scene import Band, FloatArray
 from . import multiband, published, wiener
 from .model import BandFit, GlintIndex, GlintModel
@@ -77,7 +77,7 @@ def fit(
     block: FloatArray,
     *,
     nir: int | Sequence[int],
-    sample: npt.NDArray[np.bool_] | None = None,
+    sample: Mask | None = None,
     bands: Sequence[Band] | None = None,
     **options: Any,
 ) -> GlintModel:
@@ -132,7 +132,7 @@ def fit(
     return METHODS[method].fit(request, tiles)
 
 
-def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
     """The block as floating point, and its sample, by default all pixels."""
     block = np.asarray(block)
     if block.ndim != 3:
@@ -145,9 +145,7 @@ def _checked(block: FloatArray, sample: npt.NDArray[np.bool_] | None) -> tuple[F
     return block, mask
 
 
-def fit_pointwise(
-    method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[npt.NDArray[np.bool_]]
-) -> GlintModel:
+def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
     """Fit a method that uses no neighbouring pixels to blocks in memory.
 
     blocks : (band, row, column) each, physical values of all bands, NaN where not valid

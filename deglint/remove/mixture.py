@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import Float64
 from ..scene import FloatArray
 from .further import longest_that
 from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
@@ -102,7 +102,7 @@ def _fitted(
     return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
 
 
-def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArray[np.float64]:
+def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
     """Coefficients (input, 1) that minimise the sum of the root mean squares of the squares."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CellMoments, Float64, Moments, cell_moments, in_share, thinned
+from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, in_share, thinned
 from ..scene import FloatArray
 from .detrend import detrend
 from .model import GlintIndex
@@ -82,7 +82,7 @@ class SampleStatistics:
 
 def gather(
     block: FloatArray,
-    mask: npt.NDArray[np.bool_],
+    mask: Mask,
     plan: SamplePlan,
     *,
     origin: tuple[int, int] = (0, 0),
@@ -143,7 +143,7 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
 
 
 def _extremes(
-    variables: FloatArray, mask: npt.NDArray[np.bool_], bands: int, origin: tuple[int, int], most: Callable[..., Any]
+    variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], most: Callable[..., Any]
 ) -> tuple[Extreme, ...]:
     """For each index the first masked pixel where it has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
     among, out = np.flatnonzero(mask), []
