@@ -221,9 +221,7 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate with and without the signals; `fine` is the unit of the bands where pixels resolve
-    sparkle.
-    """
+    """Fit and run a candidate with and without the signals; `fine` is the unit where pixels resolve sparkle."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -245,8 +243,8 @@ def _too_small(sample: Sample) -> bool:
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without pixels far brighter than their surroundings, so that no candidate is rewarded for erasing
-    ships. Only for coarse pixels: at fine pixels sparkle is as bright.
+    """The sample without ships, so that no candidate is rewarded for erasing them: pixels far brighter than their
+    surroundings. Only for coarse pixels: at fine pixels sparkle is as bright.
     """
     import cv2
 

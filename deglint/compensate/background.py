@@ -159,9 +159,7 @@ class Background:
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint; as many pixels are assumed to have undetected faint glint as have detected
-        glint.
-        """
+        """Share of pixels without glint; undetected faint glint is assumed to cover as many as detected glint."""
         return max(1 - 2 * self.cover, 0.0)
 
     @property
@@ -240,9 +238,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Least detail that exceeds the detail that sparkle shares, from the NIR, which shows glint and no objects under
-    water.
-    """
+    """Least detail that sparkle does not share, from the NIR, which shows glint and no objects under water."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 

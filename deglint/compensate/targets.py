@@ -180,9 +180,7 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self, rows: int = 32) -> Mask:
-        """Pixels that are lit and near the maximum of 3 x 3 pixels in three bands, not all early or late: possible
-        peaks of targets.
-        """
+        """Possible peaks of targets: lit and near the maximum of 3 x 3 pixels in three bands, not all early or late."""
         import cv2
 
         (height, width), square = self.raw[0].shape, np.ones((3, 3), np.uint8)
@@ -260,9 +258,7 @@ class Excess:
         return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Pixels of targets, and the contrast to restore, (band, pixel); beside targets the share that all bands but
-        one show.
-        """
+        """Pixels of targets, and the contrast to restore (band, pixel); beside them what all bands but one show."""
         import cv2
 
         on = grown(self.stage.threshold < T, 3) & (S > 0)
@@ -347,9 +343,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
-    """Transition probabilities of sparkle from band to band, from pairs of dark bands with the nearest delay; q :
-    (band, pixel).
-    """
+    """Transition probabilities of sparkle's bins q (band, pixel), from pairs of dark bands with the nearest delay."""
     import cv2
 
     dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]

@@ -86,9 +86,7 @@ def linear_model(
     *,
     regression: str | None = None,
 ) -> GlintModel:
-    """Model of the request's indexes with slopes (band, index): R2 if there is a sample, standard errors if they are
-    from a regression.
-    """
+    """Model with slopes (band, index), R2 if there is a sample, and standard errors if a regression gave the slopes."""
     slopes = np.asarray(slopes, np.float64)
     errors = r2 = np.full(slopes.shape, np.nan)
     n = 0
