@@ -17,33 +17,15 @@ LONG = 1.5
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recipe to try on sample tiles.
-
-    Attributes
-    ----------
-    name : str
-    method : str
-        "copy", or a key of `deglint.remove.METHODS`.
-    chain : str
-        Stages of compensation; "off" for none.
-    """
+    """A recipe to try on sample tiles."""
 
     name: str
-    method: str
-    chain: str = "off"
+    method: str  # "copy", or a key of `deglint.remove.METHODS`
+    chain: str = "off"  # stages of compensation; "off" for none
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Candidate recipes for a scene.
-
-    Parameters
-    ----------
-    setting : Setting
-    width : float
-        Of the smallest object to keep [pixel].
-    clump : int
-        Width of a clump of glint [pixel].
-    """
+    """Candidate recipes for a scene, from the widths of the smallest object to keep and of a clump of glint [pixel]."""
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
     delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
     targets = "targets, " if delayed else ""

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from ..compensate.state import Float32, Mask
 from ..physics.iops import WAVELENGTH_RANGE, case1
 from ..remove.mixture import PLUME, TURBID
 from ..scene import Band
-
-Float32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 SCALES = (1, 3, 9, 27)
 """Windows of the local means between which textures lie [pixel]: factors of three divide the range from one pixel to
@@ -38,19 +35,11 @@ CHLOROPHYLL = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Implants:
-    """Signals that are added to one tile.
-
-    Attributes
-    ----------
-    names : tuple of str
-    patterns : (signal, row, column) float32 ndarray
-    colours : (signal, band) float32 ndarray
-        Contrast in each band [unit of the band].
-    """
+    """Signals that are added to one tile."""
 
     names: tuple[str, ...]
-    patterns: Float32
-    colours: Float32
+    patterns: Float32  # (signal, row, column)
+    colours: Float32  # (signal, band), contrast in each band [unit of the band]
 
     @property
     def total(self) -> Float32:
@@ -61,17 +50,10 @@ class Implants:
 def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, width: float, seed: int) -> Implants:
     """Signals for a tile.
 
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns.
-    bands : sequence of Band
-    level : (band,) ndarray
-        Brightness of the water.
-    width : float
-        Of the smallest object to keep [pixel].
-    seed : int
-        A different one for each tile.
+    shape : rows and columns
+    level : (band,) brightness of the water
+    width : of the smallest object to keep [pixel]
+    seed : a different one for each tile
     """
     rng = np.random.default_rng((SEED, seed))
     known = [b.wavelength for b in bands]
@@ -80,15 +62,11 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     through = np.exp(-DEPTH * seen).astype(np.float32) * level
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
     white = np.full(len(bands), WHITE_DISC * float(level.max()), np.float32)
-    patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in _pairs()}
+    patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in pairwise(SCALES)}
     patterns["discs"] = _discs(shape, width, rng), through
     patterns["plumes"] = _plume(shape, rng), turbid
     patterns["targets of 2 pixels"] = _targets(shape, rng), white
-    return Implants(
-        tuple(patterns),
-        np.stack([p for p, _ in patterns.values()]),
-        np.stack([c for _, c in patterns.values()]),
-    )
+    return Implants(tuple(patterns), *map(np.stack, zip(*patterns.values(), strict=True)))
 
 
 def gains(
@@ -114,10 +92,6 @@ def gains(
         gram += (patterns @ patterns.T) * (colours @ colours.T)
         cross += ((patterns @ values.T) * colours).sum(axis=1)
     return dict(zip(names, np.linalg.lstsq(gram, cross, rcond=None)[0].tolist(), strict=True))
-
-
-def _pairs() -> list[tuple[int, int]]:
-    return list(pairwise(SCALES))
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:

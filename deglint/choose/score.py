@@ -24,11 +24,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Float64
 from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
-
-Float64 = npt.NDArray[np.float64]
 
 SHARE = 0.01
 """Assumed share of a scene that is covered by objects, and by plumes."""

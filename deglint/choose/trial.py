@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, State, clump_width, fit_chain
 from ..errors import FitError
+from ..moments import Float64
 from ..morphology import grown
 from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
@@ -39,26 +39,15 @@ LEAST_TRIED = 2000
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of a candidate on the sample tiles.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    power : tuple of float
-        Mean square texture of the result, by scale, relative to the water.
-    gains : dict of str to float
-        Gain of each implanted signal.
-    error : float
-        Expected error, relative to the water.
-    """
+    """Result of a candidate on the sample tiles."""
 
     candidate: Candidate
-    power: tuple[float, ...]
-    gains: dict[str, float]
-    error: float = float("nan")
+    power: tuple[float, ...]  # mean square texture of the result, by scale, relative to the water
+    gains: dict[str, float]  # of each implanted signal
+    error: float = float("nan")  # expected error, relative to the water
 
     @property
-    def signals(self) -> npt.NDArray[np.float64]:
+    def signals(self) -> Float64:
         """Gain at each scale of `SCALES`; at the coarsest that of plumes."""
         textures = [v for k, v in self.gains.items() if k.startswith("texture")]
         return np.array([*textures, self.gains["plumes"]])
@@ -72,23 +61,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates that were tried, and the best.
-
-    Attributes
-    ----------
-    best : Candidate
-    trials : tuple of Trial
-        In the order they were tried, plainest first; empty where nothing could be tried.
-    failed : dict of str to str
-        Candidates that could not be fitted, and why.
-    width : float
-        Of the smallest object to keep [pixel].
-    """
+    """The candidates that were tried, and the best."""
 
     best: Candidate
-    trials: tuple[Trial, ...] = ()
-    failed: dict[str, str] | None = None
-    width: float = 0.0
+    trials: tuple[Trial, ...] = ()  # in the order they were tried, plainest first; empty where nothing could be tried
+    failed: dict[str, str] | None = None  # candidates that could not be fitted, and why
+    width: float = 0.0  # of the smallest object to keep [pixel]
 
     @property
     def trial(self) -> Trial | None:
@@ -176,11 +154,13 @@ def choose(
     wiener = Candidate("wiener", "wiener")
     if _too_small(sample):
         return Choice(wiener, width=width)
-    unit = _unit(sample, correct, len(setting.bands))
-    level = np.where(np.isfinite(unit), unit, _levels(sample, len(setting.bands))).astype(np.float32)
-    disc = min(width, LARGEST_DISC)
+    level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
+    unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
     added = [implants(s.image.shape[1:], setting.bands, level, disc, n) for n, s in enumerate(sample.states)]
-    marked = replace(sample, states=tuple(_with(s, a) for s, a in zip(sample.states, added, strict=True)))
+    images = [s.image + a.total for s, a in zip(sample.states, added, strict=True)]
+    marked = replace(
+        sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
+    )
 
     def work(candidate: Candidate) -> _Run | str:
         try:
@@ -241,9 +221,7 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate with and without the signals; `fine` is the unit of the bands where pixels resolve
-    sparkle.
-    """
+    """Fit and run a candidate with and without the signals; `fine` is the unit where pixels resolve sparkle."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -265,8 +243,8 @@ def _too_small(sample: Sample) -> bool:
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without pixels far brighter than their surroundings, so that no candidate is rewarded for erasing
-    ships. Only for coarse pixels: at fine pixels sparkle is as bright.
+    """The sample without ships, so that no candidate is rewarded for erasing them: pixels far brighter than their
+    surroundings. Only for coarse pixels: at fine pixels sparkle is as bright.
     """
     import cv2
 
@@ -320,19 +298,8 @@ def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
         raise FitError(f"{min(share, 1):.0%} of what it would take lies evenly about its median, as mirrored sky does")
 
 
-def _levels(sample: Sample, bands: int) -> npt.NDArray[np.float64]:
+def _levels(sample: Sample, bands: int) -> Float32:
     """Level of the water without glint in each band; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
-    return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises)
-
-
-def _unit(sample: Sample, correct: Sequence[int], bands: int) -> Float32:
-    """The same for the bands that are evaluated; infinite for the others."""
-    level = _levels(sample, bands)
-    return np.where(np.isin(np.arange(bands), list(correct)), level, np.inf).astype(np.float32)
-
-
-def _with(state: State, added: Implants) -> State:
-    image = state.image + added.total
-    return replace(state, raw=image, image=image)
+    return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises).astype(np.float32)

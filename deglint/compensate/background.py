@@ -22,6 +22,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Float64
 from ..remove.noise import noise, spread
 from .sharpen import blurred
 from .state import Float32, Sample, Setting, State
@@ -142,46 +143,23 @@ def around(band: Float32, cap: float) -> Float32:
 
 @dataclass(frozen=True)
 class Background:
-    """Fitted background; pixels above it are glint.
-
-    Attributes
-    ----------
-    size : int
-        Width of the window [pixel].
-    order : tuple of int
-        Bands by time.
-    colour : tuple of float
-        Radiance of glint in each band, relative, in units of about one standard deviation of noise.
-    offsets, sigmas : tuple of float
-        Of each band: mode of the difference between band and opening, and the standard deviation of the noise.
-    cover : float
-        Fraction of glint pixels in the sample, 0..1; median of the bands.
-    cut : tuple of float
-        Decrease of the mean of each band, caused by replacing noise above the background [scene's unit].
-    limit : float, optional
-        Least detail that two bands must share to count as an outline, in units of `colour`; None where outlines are not
-        used.
-    caps : tuple of (float, float)
-        For resampled images with ringing: brightest value that counts as water, and noise, of each band; else empty.
-    """
+    """Fitted background; pixels above it are glint."""
 
     name: ClassVar[str] = "identify-level"
-    size: int
-    order: tuple[int, ...]
-    colour: tuple[float, ...]
-    offsets: tuple[float, ...]
-    sigmas: tuple[float, ...]
-    cover: float
-    limit: float | None
-    caps: tuple[tuple[float, float], ...] = ()
-    reach: int = 0
-    cut: tuple[float, ...] = ()
+    size: int  # width of the window [pixel]
+    order: tuple[int, ...]  # bands by time
+    colour: tuple[float, ...]  # relative radiance of glint in each band, about one standard deviation of noise
+    offsets: tuple[float, ...]  # mode of the difference between each band and its opening
+    sigmas: tuple[float, ...]  # standard deviation of the noise of each band
+    cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
+    limit: float | None  # least detail shared by two bands that is an outline [`colour`]; None: outlines are not used
+    caps: tuple[tuple[float, float], ...] = ()  # with ringing: brightest value of water and noise, of each band
+    reach: int = 0  # radius of the widest PSF [pixel]
+    cut: tuple[float, ...] = ()  # decrease of each band's mean by replacing noise above the background [scene's unit]
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint; as many pixels are assumed to have undetected faint glint as have detected
-        glint.
-        """
+        """Share of pixels without glint; undetected faint glint is assumed to cover as many as detected glint."""
         return max(1 - 2 * self.cover, 0.0)
 
     @property
@@ -190,35 +168,32 @@ class Background:
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
-    def source(self, state: State) -> tuple[Float32, bool]:
-        """The bands to open, and whether they are deconvolved; where the image rings, its pits are filled instead."""
+    def opened(self, state: State) -> tuple[Float32, Float32]:
+        """The bands to open: deconvolved, or with filled pits where the image rings; and their openings by a square."""
+        source = state.image if state.sharp is None else state.sharp
         if self.caps:
             parts = zip(state.image, self.caps, strict=True)
-            return np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts]), False
-        return (state.image, False) if state.sharp is None else (state.sharp, True)
+            source = np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts])
+        return source, np.stack([opening(b, self.size) for b in source])
 
-    def details(self, state: State) -> tuple[Float32, Float32]:
-        """Openings by a square, and the outlines that neighbours in time share, in units of `colour`."""
-        source, _ = self.source(state)
-        level = np.stack([opening(b, self.size) for b in source])
+    def details(self, source: Float32, level: Float32) -> Float32:
+        """Outlines beside these openings that neighbours in time share, in units of `colour`."""
         unit = np.array(self.colour, np.float32)[:, None, None]
-        return level, shared(outlines(source, level, self.size) / unit, self.order)
+        return shared(outlines(source, level, self.size) / unit, self.order)
 
     def level(self, state: State) -> Float32:
         """Opened bands with outlines, blurred like the image; without the offsets."""
         import cv2
 
-        source, sharpened = self.source(state)
-        if self.limit is None:
-            level = np.stack([opening(b, self.size) for b in source])
-        else:
-            level, detail = self.details(state)
+        source, level = self.opened(state)
+        if self.limit is not None:
+            detail = self.details(source, level)
             seen = np.count_nonzero(detail > np.float32(max(self.limit, 1e-6)), axis=0) >= 2
             if seen.any():
                 near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
                 for b, unit in enumerate(self.colour):
                     level[b] += detail[b] * (near * np.float32(unit))
-        if sharpened and state.psfs is not None:
+        if state.sharp is not None and state.psfs is not None and not self.caps:
             level = np.stack([blurred(b, p) for b, p in zip(level, state.psfs, strict=True)])
         return level
 
@@ -234,29 +209,16 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the background to a sample of a scene.
+    """Fit the background to a sample of a scene; `number` is the width of the window, odd [pixel].
 
-    Parameters
-    ----------
-    sample : Sample
-    setting : Setting
-    number : float, optional
-        Width of the window, odd [pixel].
-
-    Returns
-    -------
-    Background
-
-    Raises
-    ------
-    FitError
-        The sample is too small.
+    Raises FitError: the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
     sample.values([s.image[0] for s in states])  # refuses what is too small
     sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
-    colour = setting.colour / (1 if states[0].unit is None else states[0].unit)
+    unit = np.float32(1) if states[0].unit is None else states[0].unit
+    colour = setting.colour / unit
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)
     reach = max((p.radius for p in states[0].psfs or ()), default=0)
     caps = ringing(sample, sigma)
@@ -272,27 +234,21 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
         found.append((middle, about, float((excess > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
-    unit = 1.0 if states[0].unit is None else states[0].unit
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Least detail that exceeds the detail that sparkle shares, from the NIR, which shows glint and no objects under
-    water.
-    """
-    details = [stage.details(s)[1] for s in sample.states]
+    """Least detail that sparkle does not share, from the NIR, which shows glint and no objects under water."""
+    details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
-def ringing(sample: Sample, sigma: npt.NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
     """Caps and noise of each band if the image has ringing from resampling; else empty.
 
     Resampling leaves negative lobes beside sparkle, which an erosion would spread. They are pits below the water. Dark
     objects also are below it, but not in all bands, as water hides them in some. So an image has ringing if every band
     has pits.
-
-    They are pits below the water. Dark objects are in some bands only, as water hides them in others: it rings where
-    every band has pits.
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

@@ -31,21 +31,9 @@ class FittedChain:
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
-    """Fit a chain to a sample.
+    """Fit a chain, of stages as `parse` reads them ("remove" alone for none), to a sample.
 
-    Parameters
-    ----------
-    text : str
-        Stages as `parse` reads them; "remove" alone for none.
-    sample : Sample
-    setting : Setting
-    fit_removal : callable
-        Fits the removal.
-
-    Raises
-    ------
-    FitError, InputError
-        The sample is too small, or a stage lacks what it needs.
+    Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")

@@ -16,21 +16,11 @@ K = 5.0
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """Fitted thresholds; every pixel above is marked as glint, including bright objects and shoals.
-
-    Attributes
-    ----------
-    thresholds : tuple of float
-        Of each band, in the image's unit at that stage; at most the radiance at which the band saturates.
-    """
+    """Fitted thresholds; every pixel above is marked as glint, including bright objects and shoals."""
 
     name: ClassVar[str] = "identify-median"
-    thresholds: tuple[float, ...]
-
-    @property
-    def halo(self) -> int:
-        """0: pixels are processed independently."""
-        return 0
+    halo: ClassVar[int] = 0
+    thresholds: tuple[float, ...]  # of each band [image's unit at that stage]; at most where the band saturates
 
     def apply(self, state: State) -> State:
         """Mark glint pixels."""

@@ -22,16 +22,10 @@ VALUES_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True)
 class Median:
-    """Adaptive median of glint pixels.
-
-    Attributes
-    ----------
-    largest : int
-        Side of the largest window, odd [pixel].
-    """
+    """Adaptive median of glint pixels."""
 
     name: ClassVar[str] = "median"
-    largest: int = LARGEST_MEDIAN
+    largest: int = LARGEST_MEDIAN  # side of the largest window, odd [pixel]
 
     @property
     def halo(self) -> int:

@@ -9,32 +9,18 @@ import numpy as np
 
 from ..errors import FitError
 from ..remove.noise import spread
+from .background import COVER_K
 from .state import Float32, Sample, Setting, State
-
-COVER_K = 3.0
-"""Standard deviations above the mode from which a pixel counts as glint (0.1 % of normal noise)."""
 
 
 @dataclass(frozen=True)
 class Normalise:
-    """Fitted normalisation.
-
-    Attributes
-    ----------
-    levels : tuple of float
-        Radiance of deep water in each band.
-    robust : tuple of bool
-        Whether the level is the mode instead of the median, because of glint.
-    """
+    """Fitted normalisation."""
 
     name: ClassVar[str] = "normalise"
-    levels: tuple[float, ...]
-    robust: tuple[bool, ...]
-
-    @property
-    def halo(self) -> int:
-        """0: pixels are processed independently."""
-        return 0
+    halo: ClassVar[int] = 0
+    levels: tuple[float, ...]  # radiance of deep water in each band
+    robust: tuple[bool, ...]  # whether the level is the mode instead of the median, because of glint
 
     def apply(self, state: State) -> State:
         """Divide by the levels."""
@@ -60,19 +46,9 @@ def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
     """Determine the level of water in each band.
 
-    Parameters
-    ----------
-    sample : Sample
-    setting : Setting
-    number : float, optional
-        Fraction of glint pixels above which the mode is used instead of the median [%]. By default the median is always
-        used: glint raises the median of the bands that it brightens, which partly compensates for glint when one band
-        replaces another.
-
-    Raises
-    ------
-    FitError
-        A band has no positive level.
+    `number` is the fraction of glint pixels above which the mode is used instead of the median [%]. By default the
+    median is always used: glint raises the median of the bands that it brightens, which partly compensates for glint
+    when one band replaces another. Raises FitError: a band has no positive level.
 
     References
     ----------

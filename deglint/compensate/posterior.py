@@ -61,29 +61,15 @@ and for the posterior mean those that are zero or negative in a corrected band."
 class LeftOver:
     """Variance of the glint that the removal left in one band.
 
-    Attributes
-    ----------
-    band : int
-        0-based.
-    sigma : float
-        Standard deviation of noise [unit of the band].
-    glint, variance : tuple of float
-        Variance at some amounts of removed glint; linear between them, proportional to the square of the glint above
-        the last.
-    ratio : float
-        Standard deviation under strong glint over that of water with little glint.
+    The variance is linear between the given amounts of removed glint, and proportional to the square of the glint above
+    the last.
     """
 
-    band: int
-    sigma: float
-    glint: tuple[float, ...]
-    variance: tuple[float, ...]
-    ratio: float = 0.0
-
-    def with_slope_error(self, relative: float) -> LeftOver:
-        """The same, with glint of which this share was taken too little or too much."""
-        more = tuple(v + (relative * g) ** 2 for g, v in zip(self.glint, self.variance, strict=True))
-        return replace(self, variance=more)
+    band: int  # 0-based
+    sigma: float  # standard deviation of noise [unit of the band]
+    glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
+    variance: tuple[float, ...]  # at these amounts
+    ratio: float = 0.0  # standard deviation under strong glint over that of water with little glint
 
     def of(self, glint: Float32) -> Float32:
         """Variance for the glint removed from each pixel (row, column)."""
@@ -128,23 +114,14 @@ def _taken(state: State) -> Float32:
 class Posterior:
     """The stage `posterior`.
 
-    Attributes
-    ----------
-    width : int
-        Of a clump of glint [pixel].
-    left : tuple of LeftOver
-        One for each band that the removal corrected.
-    saturation : tuple of float
-        Value from which each band of the scene is saturated.
-    resolved : bool
-        Whether left-over glint clearly exceeds the variation of water with little glint; else only `State.variance` is
-        set.
+    It is `resolved` if left-over glint clearly exceeds the variation of water with little glint; else only
+    `State.variance` is set.
     """
 
     name: ClassVar[str] = "posterior"
-    width: int
-    left: tuple[LeftOver, ...]
-    saturation: tuple[float, ...]
+    width: int  # of a clump of glint [pixel]
+    left: tuple[LeftOver, ...]  # one for each band that the removal corrected
+    saturation: tuple[float, ...]  # value from which each band of the scene is saturated
     resolved: bool = True
 
     @property
@@ -218,15 +195,9 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Measure the glint that the removal left in a sample.
+    """Measure the glint that the removal left in a sample after removal.
 
-    Parameters
-    ----------
-    sample : Sample
-        After removal.
-    setting : Setting
-    number : float, optional
-        Width of a clump of glint; measured in the first NIR band by default [pixel].
+    `number` is the width of a clump of glint [pixel]; by default it is measured in the first NIR band.
     """
     corrected = [b for b in range(len(setting.bands)) if any(_taken(s)[b].any() for s in sample.states)]
     left = tuple(left_over(b, sample) for b in corrected)

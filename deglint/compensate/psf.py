@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
+from ..moments import Float64
 from ..physics.sensor import Sensor, SensorBand, cutoff
 from ..physics.sensor import psf as sample_psf
-
-Float64Array = npt.NDArray[np.float64]
 
 MOST_TRUNCATED = 0.03
 """Share of the light that may fall outside the kernel: less than the effect of an error of 5 % in the f-number."""
@@ -28,16 +26,12 @@ Cameras of satellites, aircraft and drones have between one and two times."""
 class PSF:
     """A point spread function on the grid of the pixels.
 
-    Attributes
-    ----------
-    kernel : (side, side) float64 ndarray
-        Share of the light of a point source in each pixel, the source at the centre of the central pixel; sums to 1.
-    truncated : float
-        Share of the light that falls outside the kernel, 0..1.
+    The kernel (side, side) is the share of the light of a point source in each pixel, with the source at the centre of
+    the central pixel; it sums to 1.
     """
 
-    kernel: Float64Array = field(repr=False)
-    truncated: float = 0.0
+    kernel: Float64 = field(repr=False)
+    truncated: float = 0.0  # share of the light that falls outside the kernel, 0..1
 
     def __post_init__(self) -> None:
         side = len(self.kernel)
@@ -53,7 +47,7 @@ class PSF:
         """Reach of the kernel [pixel]."""
         return len(self.kernel) // 2
 
-    def factors(self, rank: int = 1) -> list[tuple[Float64Array, Float64Array]]:
+    def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
         """Separable factors (down, across) of the best approximation of the kernel of a rank.
 
         The sum of their outer products is scaled to a total of 1.

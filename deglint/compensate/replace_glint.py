@@ -16,11 +16,7 @@ class ReplaceLevel:
     """Replace glint by the background of the same band; nothing is assumed of the spectrum."""
 
     name: ClassVar[str] = "replace-level"
-
-    @property
-    def halo(self) -> int:
-        """0: pixels are processed independently."""
-        return 0
+    halo: ClassVar[int] = 0
 
     def apply(self, state: State) -> State:
         """Set glint pixels to the background."""
@@ -35,20 +31,11 @@ class ReplaceBands:
 
     The texture of the pixel is kept. The contrast with water is assumed to be the same in both bands: glint below the
     threshold is copied too, and coloured objects change.
-
-    Attributes
-    ----------
-    order : tuple of tuple of int
-        For each band the others, the nearest in wavelength first.
     """
 
     name: ClassVar[str] = "replace-bands"
-    order: tuple[tuple[int, ...], ...]
-
-    @property
-    def halo(self) -> int:
-        """0: pixels are processed independently."""
-        return 0
+    halo: ClassVar[int] = 0
+    order: tuple[tuple[int, ...], ...]  # for each band the others, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
         """Replace glint; pixels with glint in every band stay marked."""

@@ -72,21 +72,12 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
 
 @dataclass(frozen=True)
 class Sharpen:
-    """The stage `psf`: deconvolved bands, from which the background is determined; the image itself is not changed.
-
-    Attributes
-    ----------
-    psfs : tuple of PSF
-        Of each band.
-    iterations : int
-    floors : tuple of float
-        Of each band.
-    """
+    """The stage `psf`: deconvolved bands, from which the background is determined; the image itself is not changed."""
 
     name: ClassVar[str] = "psf"
-    psfs: tuple[PSF, ...]
+    psfs: tuple[PSF, ...]  # of each band
     iterations: int
-    floors: tuple[float, ...]
+    floors: tuple[float, ...]  # lower limit of the values of each band
 
     @property
     def halo(self) -> int:
@@ -114,17 +105,11 @@ class SharpenImage(Sharpen):
         return replace(state, image=self.sharp(state), replaced=np.broadcast_to(state.water, state.image.shape))
 
 
-def fit(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """The stage `psf` for the PSFs of a scene; `number` is the number of iterations."""
-    return _fitted(Sharpen, sample, setting, number)
+def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
+    """A stage of this kind for the PSFs of a scene; `number` is the number of iterations.
 
-
-def fit_image(sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """The stage `psf-image`, as `fit`."""
-    return _fitted(SharpenImage, sample, setting, number)
-
-
-def _fitted(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None) -> Sharpen:
+    Raises InputError: the PSFs are not known.
+    """
     if setting.psfs is None:
         raise InputError(
             f"{kind.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from ..moments import Float64
 from .state import Float32
 
-Float64 = npt.NDArray[np.float64]
 Model = tuple[Float32, Float32, Float32]
 
 TARGET_DEPTHS = 0.0, 1.5, 5.0

@@ -8,7 +8,8 @@ removal.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,29 +25,15 @@ Stage = Any
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage.
+    """Definition of a stage."""
 
-    Attributes
-    ----------
-    help : str
-        One line.
-    fit : callable, optional
-        ``fit(sample, setting, number) -> stage``; None for `remove`.
-    stage : type, optional
-        Type that `fit` returns.
-    low, high : float
-        Range of its number; 0 and 0 for a stage without a number.
-    whole, odd : bool
-        Whether the number must be an integer, and odd.
-    """
-
-    help: str
-    fit: Callable[[Sample, Setting, float | None], Stage] | None = None
-    stage: type | None = None
-    low: float = 0.0
-    high: float = 0.0
-    whole: bool = False
-    odd: bool = False
+    help: str  # one line
+    fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # with the stage's number; None for `remove`
+    stage: type | None = None  # type that `fit` returns
+    low: float = 0.0  # least number
+    high: float = 0.0  # largest number; 0 for a stage without a number
+    whole: bool = False  # the number must be an integer
+    odd: bool = False  # the number must be odd
 
 
 STAGES: dict[str, Kind] = {
@@ -56,11 +43,11 @@ STAGES: dict[str, Kind] = {
     ),
     "psf": Kind(
         "N iterations of Richardson-Lucy, to determine the background only",
-        sharpen.fit, sharpen.Sharpen, 1, 20, whole=True,
+        partial(sharpen.fit, sharpen.Sharpen), sharpen.Sharpen, 1, 20, whole=True,
     ),
     "psf-image": Kind(
         "N iterations of Richardson-Lucy, as the image itself",
-        sharpen.fit_image, sharpen.SharpenImage, 1, 20, whole=True,
+        partial(sharpen.fit, sharpen.SharpenImage), sharpen.SharpenImage, 1, 20, whole=True,
     ),
     "identify-median": Kind(
         "glint is above median + K lower-side deviations", identify.fit, identify.IdentifyMedian, 0, 1000
@@ -104,19 +91,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Chain:
-    """A fitted chain.
+    """A fitted chain."""
 
-    Attributes
-    ----------
-    before, after : tuple of stages
-        Before and after the removal.
-    text : str
-        Text form of the chain.
-    """
-
-    before: tuple[Stage, ...] = ()
-    after: tuple[Stage, ...] = ()
-    text: str = ""
+    before: tuple[Stage, ...] = ()  # stages before the removal
+    after: tuple[Stage, ...] = ()  # and after it
+    text: str = ""  # text form of the chain
 
     @property
     def runs(self) -> bool:
@@ -159,12 +138,11 @@ def parse(text: str) -> tuple[Step, ...]:
         if name not in STAGES:
             raise InputError(f"stage {name!r} is not one of {', '.join(STAGES)}.")
         steps.append(Step(name, _number(name, number) if colon else None))
-    if sum(s.name == "remove" for s in steps) > 1:
+    names = [step.name for step in steps]
+    if names.count("remove") > 1:
         raise InputError("a chain removes once; name other stages before and after it.")
-    _check(steps)
-    if not any(s.name == "remove" for s in steps):
-        steps.append(Step("remove"))
-    return tuple(steps)
+    _check(names)
+    return tuple(steps) if "remove" in names else (*steps, Step("remove"))
 
 
 def _number(name: str, text: str) -> float:
@@ -184,28 +162,26 @@ def _number(name: str, text: str) -> float:
     return number
 
 
-def _check(steps: Sequence[Step]) -> None:
+def _check(names: Sequence[str]) -> None:
     """Check that each stage comes after the stages whose results it needs."""
     ready: set[str] = set()
-    for place, step in enumerate(steps):
-        after = [s.name for s in steps[place + 1 :]]
-        if step.name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
+    for place, name in enumerate(names):
+        before, after = names[:place], names[place + 1 :]
+        if name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
             raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
-        if step.name == "posterior" and "remove" not in [s.name for s in steps[:place]]:
+        if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
-        if step.name == "targets" and "remove" in [s.name for s in steps[:place]]:
+        if name == "targets" and "remove" in before:
             raise InputError("targets are found before the removal: name remove after it.")
-        if step.name == "replace-bands" and "normalise" not in [s.name for s in steps[:place]]:
+        if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
-        if step.name in ("replace-bands", "median") and "glint" not in ready:
-            raise InputError(
-                f"{step.name} needs glint to be identified: name identify-median or identify-level before it."
-            )
-        if step.name == "replace-level" and "level" not in ready:
+        if name in ("replace-bands", "median") and "glint" not in ready:
+            raise InputError(f"{name} needs glint to be identified: name identify-median or identify-level before it.")
+        if name == "replace-level" and "level" not in ready:
             raise InputError("replace-level needs a level: name identify-level before it.")
-        if step.name.startswith("identify"):
-            ready |= {"glint"} | ({"level"} if step.name == "identify-level" else set())
-        if step.name in ("replace-level", "median", "remove"):
+        if name.startswith("identify"):
+            ready |= {"glint", "level"} if name == "identify-level" else {"glint"}
+        if name in ("replace-level", "median", "remove"):
             ready.clear()
 
 
@@ -217,25 +193,10 @@ def apply_stages(state: State, stages: Sequence[Stage]) -> State:
 
 
 def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
-    """Fit each stage to the sample as processed by the stages before it.
+    """Fit each stage but `remove` to the sample as processed by the stages before it; also returns the sample after
+    them.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        Without `remove`.
-    sample : Sample
-        Not modified.
-    setting : Setting
-
-    Returns
-    -------
-    (tuple of stages, Sample)
-        The fitted stages, and the sample after them.
-
-    Raises
-    ------
-    FitError, InputError
-        The sample is too small, or a stage lacks what it needs.
+    Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
     """
     stages, states = [], sample.states
     for step in steps:
@@ -248,20 +209,14 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
 
 def plain(stage: Stage) -> dict[str, Any]:
     """A stage as plain values (JSON); PSFs are given as kernels."""
-    found = {f.name: getattr(stage, f.name) for f in fields(stage) if f.name == "psfs"}
-    rest = {k: v for k, v in (asdict(stage) if not found else vars(stage)).items() if k != "psfs"}
-    kernels = {"psfs": [p.kernel.tolist() for p in found["psfs"]]} if found else {}
-    return {"stage": stage.name, **rest, **kernels}
+    values = asdict(stage)
+    if "psfs" in values:
+        values["psfs"] = [p["kernel"].tolist() for p in values.pop("psfs")]
+    return {"stage": stage.name, **values}
 
 
 def stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read a stage from the values that `plain` returns.
-
-    Raises
-    ------
-    InputError
-        Not a stage of this version.
-    """
+    """Read a stage from the values that `plain` returns; InputError if it is not a stage of this version."""
     rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
     try:
         kind = STAGES[data["stage"]].stage
@@ -276,13 +231,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns.
-
-    Raises
-    ------
-    InputError
-        Not a chain of this version.
-    """
+    """Read a chain from the values that `Chain.numbers` returns; InputError if it is not a chain of this version."""
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
         return Chain(before, after, str(data["chain"]))

@@ -11,58 +11,31 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError, InputError
+from ..moments import Float64, Mask
+from ..remove.colour import SUN_ZENITH
 from ..scene import Band
 from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A block of a scene during a compensation; stages never modify its arrays.
+    """A block of a scene during a compensation, arrays (band, row, column); stages never modify its arrays."""
 
-    Attributes
-    ----------
-    raw, image : (band, row, column) float32 ndarray
-        The block as read, and after the stages so far; finite everywhere.
-    water : (row, column) bool ndarray
-        Valid water; other pixels have the values of the nearest water.
-    sharp : (band, row, column) float32 ndarray, optional
-        The image after deconvolution, from which the background is determined.
-    psfs : tuple of PSF, optional
-        PSFs of the deconvolution.
-    unit : (band,) float32 ndarray, optional
-        Divisor of the normalised image; None if it is not normalised.
-    background : (band, row, column) float32 ndarray, optional
-        The bands without glint, as estimated.
-    glint : (band, row, column) bool ndarray, optional
-        Glint pixels that are not replaced yet.
-    replaced : (band, row, column) bool ndarray, optional
-        Pixels that were replaced.
-    targets : (band, row, column) float32 ndarray, optional
-        Contrast of small bright targets with the water, which is restored at the end.
-    removed : (band, row, column) float32 ndarray, optional
-        Glint that the removal subtracted.
-    variance : (band, row, column) float32 ndarray, optional
-        Posterior variance of the water.
-    origin : (int, int)
-        Row and column in the scene of the first pixel [pixel].
-    """
-
-    raw: Float32
-    image: Float32
-    water: Mask
-    sharp: Float32 | None = None
-    psfs: tuple[PSF, ...] | None = None
-    unit: Float32 | None = None
-    background: Float32 | None = None
-    glint: Mask | None = None
-    replaced: Mask | None = None
-    targets: Float32 | None = None
-    removed: Float32 | None = None
-    variance: Float32 | None = None
-    origin: tuple[int, int] = (0, 0)
+    raw: Float32  # the block as read; finite everywhere
+    image: Float32  # after the stages so far; finite everywhere
+    water: Mask  # (row, column), valid water; other pixels have the values of the nearest water
+    sharp: Float32 | None = None  # the image after deconvolution, from which the background is determined
+    psfs: tuple[PSF, ...] | None = None  # of the deconvolution
+    unit: Float32 | None = None  # (band,) divisor of the normalised image; None if it is not normalised
+    background: Float32 | None = None  # the bands without glint, as estimated
+    glint: Mask | None = None  # glint pixels that are not replaced yet
+    replaced: Mask | None = None  # pixels that were replaced
+    targets: Float32 | None = None  # contrast of small bright targets with the water, which is restored at the end
+    removed: Float32 | None = None  # glint that the removal subtracted
+    variance: Float32 | None = None  # posterior variance of the water
+    origin: tuple[int, int] = (0, 0)  # row and column in the scene of the first pixel
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
@@ -104,29 +77,19 @@ def filled(block: Float32, water: Mask) -> Float32:
 
 @dataclass(frozen=True)
 class Setting:
-    """Properties of the scene that fitting a chain needs.
+    """Properties of the scene that fitting a chain needs."""
 
-    Attributes
-    ----------
-    bands : tuple of Band
-        Of the scene.
-    nir : tuple of int
-        0-based bands that show glint but no signal of the water.
-    psfs : tuple of PSF, optional
-        Of the bands, where the optics are known.
-    """
-
-    bands: tuple[Band, ...]
-    nir: tuple[int, ...]
-    psfs: tuple[PSF, ...] | None = None
+    bands: tuple[Band, ...]  # of the scene
+    nir: tuple[int, ...]  # 0-based bands that show glint but no signal of the water
+    psfs: tuple[PSF, ...] | None = None  # of the bands, where the optics are known
 
     @cached_property
-    def wavelengths(self) -> npt.NDArray[np.float64]:
+    def wavelengths(self) -> Float64:
         """Wavelengths of the bands [nm]; NaN where not known."""
         return np.array([b.wavelength or np.nan for b in self.bands])
 
     @cached_property
-    def offsets(self) -> npt.NDArray[np.float64] | None:
+    def offsets(self) -> Float64 | None:
         """Time offset of each band [s]; None if not known for all bands."""
         found = [b.time_offset for b in self.bands]
         return None if any(t is None for t in found) else np.array(found, np.float64)
@@ -138,7 +101,7 @@ class Setting:
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 
     @cached_property
-    def saturation(self) -> npt.NDArray[np.float64]:
+    def saturation(self) -> Float64:
         """Saturation value of each band; infinity where not known."""
         return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
 
@@ -153,13 +116,9 @@ class Setting:
         return np.asarray(irradiance(self.wavelengths, SUN_ZENITH).direct, np.float32)
 
 
-SUN_ZENITH = 40.0
-"""Sun zenith angle for the colour of glint, which changes by less than a fifth from 20 to 60 degrees [degree]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Blocks of a scene with a halo, and masks of the pixels that are used for fitting."""
+    """Blocks of a scene with a halo, and masks (row, column) of the pixels that are used for fitting."""
 
     states: tuple[State, ...]
     inside: tuple[Mask, ...]
@@ -181,7 +140,7 @@ ROUNDED = 0.999
 """Share of the saturation value from which pixels count as saturated: values are rounded."""
 
 
-def saturation(sample: Sample, setting: Setting) -> npt.NDArray[np.float64]:
+def saturation(sample: Sample, setting: Setting) -> Float64:
     """Value from which each band of the scene is saturated, as declared, or where values pile up; infinity where not
     known.
     """

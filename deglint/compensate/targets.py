@@ -26,12 +26,13 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Float64
 from ..morphology import grown
+from ..remove.colour import SUN_ZENITH
 from ..remove.noise import noise
 from .spectra import Model, models
-from .state import SUN_ZENITH, Float32, Mask, Sample, Setting, State, saturation
+from .state import Float32, Mask, Sample, Setting, State, saturation
 
-Float64 = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
 
@@ -69,39 +70,22 @@ lower end, -10 times the noise."""
 
 @dataclass(frozen=True)
 class Targets:
-    """The stage `targets`: find small bright targets, to be restored after the removal.
-
-    Attributes
-    ----------
-    bands, wavelengths, widths : tuple
-        0-based bands that are used, in order of time; their wavelengths and full widths [nm].
-    light : tuple of float
-        Radiance of a white target, in a unit in which the median of the bands has noise of standard deviation 1.
-    noise, water : tuple of float
-        Standard deviation of noise, and radiance of water, over `light`.
-    full : tuple of float
-        Value from which a band is saturated [unit of the image].
-    top, tables, first, following : float, tuple
-        Upper end of the histograms [asinh(excess)]; index into `following` for each band but the first; log probability
-        of each bin in the first band; log probability of each bin in a band given the bin in the band before.
-    threshold, reason : float, str
-        Threshold on the sum over 3 x 3 pixels; reason why there is no test, else empty.
-    """
+    """The stage `targets`: find small bright targets, to be restored after the removal."""
 
     name: ClassVar[str] = "targets"
-    bands: Sequence[int] = ()
-    wavelengths: Sequence[float] = ()
-    widths: Sequence[float] = ()
-    light: Sequence[float] = ()
-    noise: Sequence[float] = ()
-    water: Sequence[float] = ()
-    full: Sequence[float] = ()
-    top: float = 1.0
-    tables: Sequence[int] = ()
-    first: Sequence[float] = field(default=(), repr=False)
-    following: Sequence[Sequence[float]] = field(default=(), repr=False)
-    threshold: float = 0.0
-    reason: str = ""
+    bands: Sequence[int] = ()  # 0-based bands that are used, in order of time
+    wavelengths: Sequence[float] = ()  # of these [nm]
+    widths: Sequence[float] = ()  # full widths [nm]
+    light: Sequence[float] = ()  # radiance of a white target; in this unit the median band has noise of deviation 1
+    noise: Sequence[float] = ()  # standard deviation over `light`
+    water: Sequence[float] = ()  # radiance over `light`
+    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]
+    top: float = 1.0  # upper end of the histograms [asinh(excess)]
+    tables: Sequence[int] = ()  # index into `following` for each band but the first
+    first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
+    following: Sequence[Sequence[float]] = field(default=(), repr=False)  # of each bin given the bin in the band before
+    threshold: float = 0.0  # on the sum over 3 x 3 pixels
+    reason: str = ""  # why there is no test, else empty
 
     @property
     def halo(self) -> int:
@@ -196,9 +180,7 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self, rows: int = 32) -> Mask:
-        """Pixels that are lit and near the maximum of 3 x 3 pixels in three bands, not all early or late: possible
-        peaks of targets.
-        """
+        """Possible peaks of targets: lit and near the maximum of 3 x 3 pixels in three bands, not all early or late."""
         import cv2
 
         (height, width), square = self.raw[0].shape, np.ones((3, 3), np.uint8)
@@ -276,9 +258,7 @@ class Excess:
         return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Pixels of targets, and the contrast to restore, (band, pixel); beside targets the share that all bands but
-        one show.
-        """
+        """Pixels of targets, and the contrast to restore (band, pixel); beside them what all bands but one show."""
         import cv2
 
         on = grown(self.stage.threshold < T, 3) & (S > 0)
@@ -363,9 +343,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
-    """Transition probabilities of sparkle from band to band, from pairs of dark bands with the nearest delay; q :
-    (band, pixel).
-    """
+    """Transition probabilities of sparkle's bins q (band, pixel), from pairs of dark bands with the nearest delay."""
     import cv2
 
     dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]

@@ -43,22 +43,12 @@ LEAST_BACKGROUND_VARIANCE = 0.25
 
 @dataclass(frozen=True)
 class ReplacedError:
-    """Error variance of one band, where nothing and where glint was replaced.
+    """Error variance of one band [unit of the band squared], where nothing and where glint was replaced."""
 
-    Attributes
-    ----------
-    band : int
-        0-based.
-    noise : float
-        Variance of noise [unit of the band squared].
-    even, relief : float
-        Error variance of a uniform background, and its increase per square of the local range within `SPAN` pixels.
-    """
-
-    band: int
-    noise: float
-    even: float
-    relief: float
+    band: int  # 0-based
+    noise: float  # variance of noise
+    even: float  # error variance of a uniform background
+    relief: float  # its increase per square of the local range within `SPAN` pixels
 
 
 def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
@@ -151,18 +141,14 @@ def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior
     Least squares gives between rho and 1 times the slope, with rho the correlation of the band with the glint: rho
     where all that differs is glint that moved between the bands, 1 where it is the water. All between are as likely,
     so that the slope has a relative standard error of (1 / rho - 1) / sqrt(3).
-
-    Parameters
-    ----------
-    after : Sample
-        After removal.
-    setting : Setting
-    model : GlintModel
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}
-    left = tuple(p.with_slope_error(share.get(p.band, 0.0)) for p in found.left)
-    return replace(found, left=left, resolved=False)
+    left = []
+    for p in found.left:  # this share of the glint was taken too little or too much
+        slope_errors = (share.get(p.band, 0.0) * g for g in p.glint)
+        left.append(replace(p, variance=tuple(v + e**2 for v, e in zip(p.variance, slope_errors, strict=True))))
+    return replace(found, left=tuple(left), resolved=False)
 
 
 def halo(errors: Sequence[ReplacedError]) -> int:

@@ -101,10 +101,10 @@ def fit_water(
     roles : Roles
     pixel : float, optional
         Side of a pixel on the ground [m].
-    reflectance : bool
-        The bands are known to be reflectances; else this is determined from the brightest pixels of coarse images.
     whole : bool
         The blocks cover the whole scene; else there may be land outside them.
+    reflectance : bool
+        The bands are known to be reflectances; else this is determined from the brightest pixels of coarse images.
 
     Returns
     -------
@@ -113,10 +113,8 @@ def fit_water(
 
     Raises
     ------
-    BandError
-        `roles` has no visible band, or a block lacks a band.
-    InputError
-        No blocks, or not three-dimensional.
+    BandError, InputError
+        `roles` has no visible band, or a block lacks a band; no blocks, or not three-dimensional.
 
     References
     ----------

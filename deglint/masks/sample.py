@@ -7,14 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import Float64
 from ..morphology import grown, opened
 from ..scene import FloatArray
 from .surface import BoolArray, Roles, WaterRule, check_looks, thinned, valid_for, water
-
-Float64Array = npt.NDArray[np.float64]
 
 SIZE = 15
 """Side of the square for local statistics of water [pixel]."""
@@ -40,50 +38,24 @@ class SampleRule:
     """Criteria of the deep-water sample, as plain numbers.
 
     NIR and visible sum are quantised, (value - centre) / step rounded to integers ("grains"), so that box sums are
-    exact and do not depend on the tile.
-
-    Attributes
-    ----------
-    water : WaterRule
-    weights : tuple of float
-        Weight of each band of `roles.visible` in the visible sum [1/unit].
-    centre, step : tuple of float
-        Of the NIR [unit] and of the visible sum.
-    distance : int
-        Distance from everything that is not water [pixel].
-    slope : float
-        Slope of the visible sum against the NIR, to subtract glint from the local level.
-    level : float
-        Upper limit of the local mean of the visible sum, glint subtracted [grain].
-    residual, variance : float
-        Typical local variance that the NIR does not explain, and typical variance of the NIR [grain^2].
-    least_variance : float
-        Lower limit of the local NIR variance [grain^2].
-    r_squared : float
-        Share of the local visible variance in the sample that the NIR explains, 0..1; near 0 there is no
-        glint that the bands share (calm water, or bands that are not simultaneous).
-    glint : float
-        Local standard deviation of the NIR in the sample [unit of the NIR].
-    pixels : int
-        Sample pixels in the blocks that were used for fitting.
-    share : float
-        Their share of the valid pixels, 0..1.
+    exact and do not depend on the tile. Where `r_squared` is near 0, the bands share no glint (calm water, or bands
+    that are not simultaneous).
     """
 
     water: WaterRule
-    weights: tuple[float, ...]
-    centre: tuple[float, float]
-    step: tuple[float, float]
-    distance: int = 0
-    slope: float = 0.0
-    level: float = np.inf
-    residual: float = np.inf
-    variance: float = 1.0
-    least_variance: float = 0.0
-    r_squared: float = np.nan
-    glint: float = np.nan
-    pixels: int = 0
-    share: float = 0.0
+    weights: tuple[float, ...]  # of each band of `roles.visible` in the visible sum [1/unit]
+    centre: tuple[float, float]  # of the NIR [unit] and of the visible sum
+    step: tuple[float, float]  # likewise
+    distance: int = 0  # from everything that is not water [pixel]
+    slope: float = 0.0  # of the visible sum against the NIR, to subtract glint from the local level
+    level: float = np.inf  # upper limit of the local mean of the visible sum, glint subtracted [grain]
+    residual: float = np.inf  # typical local variance that the NIR does not explain [grain^2]
+    variance: float = 1.0  # typical variance of the NIR [grain^2]
+    least_variance: float = 0.0  # lower limit of the local NIR variance [grain^2]
+    r_squared: float = np.nan  # share of the local visible variance in the sample that the NIR explains, 0..1
+    glint: float = np.nan  # local standard deviation of the NIR in the sample [unit of the NIR]
+    pixels: int = 0  # sample pixels in the fitted blocks
+    share: float = 0.0  # their share of the valid pixels, 0..1
 
     @property
     def halo(self) -> int:
@@ -104,18 +76,18 @@ class _Local(NamedTuple):
     """Statistics of water in the square around each pixel, in grains (see `SampleRule`)."""
 
     enough: BoolArray
-    nir: Float64Array
-    level: Float64Array
-    variance: Float64Array
-    covariance: Float64Array
-    visible: Float64Array
+    nir: Float64
+    level: Float64
+    variance: Float64
+    covariance: Float64
+    visible: Float64
 
     def pick(self, chosen: BoolArray | slice) -> _Local:
         first, *others = self
         return _Local(first[chosen], *(a[chosen] for a in others))
 
     @property
-    def residual(self) -> Float64Array:
+    def residual(self) -> Float64:
         """Visible variance that the NIR does not explain."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
@@ -213,7 +185,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> BoolArray:
     return _select(block, mask, _local(block, mask, rule), rule)
 
 
-def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64Array:
+def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
     total = np.zeros(block.shape[1:])
     for band, weight in zip(roles.visible, weights, strict=True):
         total += block[band] * np.float64(weight)
@@ -247,11 +219,11 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
     import cv2
 
-    def box(values: Float64Array) -> Float64Array:
+    def box(values: Float64) -> Float64:
         sums = cv2.boxFilter(values, -1, (SIZE, SIZE), normalize=False, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(sums, np.float64)
 
-    def grains(values: Float64Array, k: int) -> Float64Array:
+    def grains(values: Float64, k: int) -> Float64:
         counted = np.rint((values - rule.centre[k]) / rule.step[k])
         return np.where(mask, np.clip(counted, -(2**20), 2**20), 0.0)
 
@@ -259,7 +231,7 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     nir = grains(block[roles.nir].astype(np.float64), 0)
     visible = grains(_visible_sum(block, roles, rule.weights), 1)
     count = box(mask.astype(np.float64))
-    inverse: Float64Array = 1.0 / np.maximum(count, 1.0)
+    inverse: Float64 = 1.0 / np.maximum(count, 1.0)
     mean_nir, mean_visible = box(nir) * inverse, box(visible) * inverse
     return _Local(
         mask & (count >= SIZE * SIZE / 2),
@@ -271,15 +243,9 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     )
 
 
-def _far(other: BoolArray, distance: int) -> BoolArray:
-    """Pixels at least `distance` from other surfaces (in a square neighbourhood)."""
-    return ~grown(other, 2 * distance + 1) if distance else ~other
-
-
 def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
     """Statistics of the masked pixels of all blocks, flattened."""
-    first, *others = zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)
-    return _Local(np.concatenate(first), *(np.concatenate(part) for part in others))
+    return _Local(*map(np.concatenate, zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)))
 
 
 def _choose_distance(
@@ -287,7 +253,7 @@ def _choose_distance(
 ) -> tuple[SampleRule, _Local]:
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
-        kept = [s.enough & _far(o, distance) for s, o in zip(local, other, strict=True)]
+        kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
         count = sum(int(k.sum()) for k in kept)
         if count >= ENOUGH:
             break
@@ -326,7 +292,7 @@ def _even(local: _Local, rule: SampleRule) -> BoolArray:
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
-def _darker_kind(level: Float64Array) -> BoolArray:
+def _darker_kind(level: Float64) -> BoolArray:
     """The darkest class, splitting by Otsu's threshold while there are clearly two classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
@@ -338,7 +304,7 @@ def _darker_kind(level: Float64Array) -> BoolArray:
     return dark
 
 
-def _otsu(values: Float64Array) -> tuple[float, float]:
+def _otsu(values: Float64) -> tuple[float, float]:
     """Threshold with the largest variance between classes, and its share of the variance [0..1]."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
@@ -361,7 +327,7 @@ def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level
     chosen &= _even(local, rule)
-    chosen &= _far(valid & ~mask, rule.distance)
+    chosen &= ~grown(valid & ~mask, 2 * rule.distance + 1)
     return opened(chosen | ~valid, CLEANING) & chosen
 
 

@@ -51,41 +51,23 @@ class Roles:
 class WaterRule:
     """How water is distinguished from the rest: plain numbers, in the unit of the bands.
 
-    Attributes
-    ----------
-    roles : Roles
-    threshold : float
-        Not water where the NIR is above this over a whole square of `window` pixels.
-    window : int
-        Side of that square [pixel]: 1 at coarse pixels, larger where glint is resolved into bright patches.
-    core : int
-        Side of a smaller square [pixel], for boats and narrow land; 1: not used.
-    bright, red : float
-        Not water where the NIR is above `bright`, or above `red` and above the first visible band, over such a square:
-        too bright for a patch of glint of that size, or not of the colour of glint.
-    nir_level : float
-        Median NIR of the water (NaN: no water).
-    contrast : float
-        Visible minus NIR of the darkest water (NaN: no water). It does not depend on an offset that all bands share.
-    water_fraction : float
-        Share of water among the valid pixels of these blocks, 0..1.
-    pixels : int
-        Valid pixels of the blocks that were used for fitting.
-    whole : bool
-        These blocks covered the whole scene.
+    Not water is what has NIR above `threshold` over a whole square of side `window`, which is 1 at coarse pixels and
+    larger where glint is resolved into bright patches. Nor is what has NIR above `bright`, or above `red` and above the
+    first visible band, over a smaller square of side `core`: boats and narrow land, too bright for a patch of glint of
+    that size, or not of the colour of glint.
     """
 
     roles: Roles
     threshold: float = -np.inf
-    window: int = 1
-    core: int = 1
+    window: int = 1  # [pixel]
+    core: int = 1  # [pixel]; 1: not used
     bright: float = np.inf
     red: float = np.inf
-    nir_level: float = np.nan
-    contrast: float = np.nan
-    water_fraction: float = 0.0
-    pixels: int = 0
-    whole: bool = True
+    nir_level: float = np.nan  # median NIR of the water; NaN: no water
+    contrast: float = np.nan  # visible minus NIR of the darkest water, free of an offset of all bands; NaN: no water
+    water_fraction: float = 0.0  # share of water among the valid pixels of the fitted blocks, 0..1
+    pixels: int = 0  # valid pixels of these blocks
+    whole: bool = True  # these blocks covered the whole scene
 
     @property
     def halo(self) -> int:

@@ -7,10 +7,9 @@ subtraction of a local mean from every band, the slope is nearly constant over t
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
-from ..moments import Float64
+from ..moments import Float64, Mask
 from ..scene import FloatArray
 
 SIZE = 15
@@ -19,7 +18,7 @@ _VELTKAMP = 2.0**27 + 1
 """Constant that splits the 53 bits of a float64 into two halves."""
 
 
-def detrend(block: FloatArray, mask: npt.NDArray[np.bool_] | None = None, size: int = SIZE) -> Float64:
+def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Float64:
     """Subtract from every band its mean over the sample pixels in a square around each sample pixel.
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}

@@ -44,9 +44,7 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 
 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
-    """Variation of the additional removal by further references, over water with little glint [standard deviation of
-    noise].
-    """
+    """Variation of the additional removal over water with little glint [standard deviations of noise]."""
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]

@@ -173,16 +173,14 @@ class BandSet:
 
 @dataclass(frozen=True, eq=False)
 class KernelFit:
-    """Kernels of one set of bands: coefficients (variable, band), responses to uniform glint, all and without each
-    group.
-    """
+    """Kernels of one set of bands."""
 
     band_set: BandSet
-    support: tuple[int, ...]
-    coefficients: Float64
-    response: Float64
-    left_out: Float64
-    loss: Float64
+    support: tuple[int, ...]  # side of the kernel on each reference [pixel]
+    coefficients: Float64  # (variable, band)
+    response: Float64  # (band,), to uniform glint
+    left_out: Float64  # (group, band), the response without each group of squares
+    loss: Float64  # (band,), residual power in squares that were not fitted, relative to the power of the band
     pixels: int
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import Float64
+from ..moments import Float64, Mask
 from ..morphology import grown
 from ..scene import FloatArray
 from .kernels import FOLDS
@@ -163,7 +163,7 @@ def _peak(counts: Float64) -> float:
     return at + 0.5 * (left - right) / (left - 2 * counts[at] + right)
 
 
-def apart_from_sparkle(together: FloatArray, sample: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
     """The sample without the surroundings of strong glint, where resampling causes values that are too low."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
@@ -176,7 +176,7 @@ class LevelSample:
     prediction: FloatArray  # (band, pixel), of the kernels
     value: FloatArray  # (band, pixel)
     around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
-    apart: npt.NDArray[np.bool_]  # (pixel,): may determine the level; all may if there are none
+    apart: Mask  # (pixel,): may determine the level; all may if there are none
 
     def some(self, which: Any) -> LevelSample:
         """A part of the pixels, by mask or slice."""
@@ -184,7 +184,7 @@ class LevelSample:
 
 
 def shared_level(
-    sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None = None
+    sample: LevelSample, slopes: Float64, visible: Mask | None = None
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
 
@@ -205,7 +205,7 @@ def shared_level(
     raised, darkest = float(np.median(together[least])), _darkest(sample, slopes, visible)
     most = min(max(raised, darkest), middle) if darkest > 0 else middle
 
-    def positive(where: npt.NDArray[np.bool_], negative: float) -> float:
+    def positive(where: Mask, negative: float) -> float:
         """Level with which no more than a share [%] of the pixels is negative in any band, at most the highest NIR
         that water can have: beyond it, errors of the kernels make pixels negative, and not the level.
         """
@@ -227,7 +227,7 @@ def shared_level(
     return np.asarray(level + (chosen - raised), np.float64), (max(float(lowest), 0.0), float(chosen), middle)
 
 
-def _darkest(sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None) -> float:
+def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
     """Highest NIR of the water, from what the visible bands exceed the predicted glint by; infinite without them."""
     if visible is None or not visible.any():
         return np.inf
@@ -244,7 +244,7 @@ def _span(sample: LevelSample, together: FloatArray) -> float:
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 
-def shared_level_error(sample: LevelSample, slopes: Float64, visible: npt.NDArray[np.bool_] | None = None) -> float:
+def shared_level_error(sample: LevelSample, slopes: Float64, visible: Mask | None = None) -> float:
     """Standard error of the level [unit of the NIR].
 
     The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a

@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import FitError
+from ..moments import Float64
 from ..scene import FloatArray
 from .further import longest_that
 from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
@@ -47,29 +47,13 @@ LEAST_KEPT = 0.75
 def fit(
     request: FitRequest, tiles: Sequence[SampleTile], percentile: float, cut: Sequence[float] | None = None
 ) -> GlintModel:
-    """Fit kernels and levels.
+    """Fit kernels and levels to tiles after an opening; the difference of the model may be negative (`signed`).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, with their wavelengths [nm], and NIR references.
-    tiles : sequence of SampleTile
-        Tiles after an opening.
-    percentile : float
-        Percentile of the prediction that is its level [%].
-    cut : sequence of float, optional
-        Decrease of the mean of each band of the scene, caused by replacing noise above the background; it is added to
-        the level [unit of the band].
+    percentile : percentile of the prediction that is its level [%]
+    cut : decrease of the mean of each band of the scene, caused by replacing noise above the background; it is added
+        to the level [unit of the band]
 
-    Returns
-    -------
-    GlintModel
-        Whose difference may be negative (`signed`).
-
-    Raises
-    ------
-    FitError
-        Too little water.
+    Raises FitError: too little water.
 
     References
     ----------
@@ -118,7 +102,7 @@ def _fitted(
     return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
 
 
-def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> npt.NDArray[np.float64]:
+def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
     """Coefficients (input, 1) that minimise the sum of the root mean squares of the squares."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):

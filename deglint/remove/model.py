@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..checks import from_plain
 from ..errors import InputError
+from ..moments import Float64
 from ..scene import FloatArray
 from .reference import ReferenceRule
 from .strips import Strips
@@ -38,7 +38,7 @@ class GlintIndex:
     level: float = 0.0  # g0 [unit of the index]
     offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
 
-    def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> npt.NDArray[np.float64]:
+    def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> Float64:
         """Weighted sum of bands at the pixel itself, in float64; the level is not subtracted."""
         total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
         for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL, Mask
+from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import FloatArray
 
@@ -150,6 +150,6 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
     return np.asarray(total, np.int32), np.asarray(count, np.int32)
 
 
-def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> npt.NDArray[np.float64]:
+def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
     """Mean of the values from their quantised sum and number; `rule.low` for no pixels."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)

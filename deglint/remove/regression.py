@@ -109,23 +109,9 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
     slope's standard error over the slope.
 
-    Parameters
-    ----------
-    stats : SampleStatistics
-        Statistics of the sample.
-    model : GlintModel
-        Fitted to this sample.
-    fit : BandFit
-        One of the fits of the model.
-
-    Returns
-    -------
-    error : float
-        Relative standard error [1]; infinite if the sample spans fewer than `CLUSTERS` cells or the mixture does not
-        vary.
-    cells : float
-        Effective number of cells, (sum p)^2 / sum p^2 [1]: if a few clumps of sparkle contain most of the glint, the
-        error does not represent others (after Carter, Schnepel and Steigerwald 2017).
+    The error is infinite if the sample spans fewer than `CLUSTERS` cells or the mixture does not vary. The reliability
+    is the effective number of cells, (sum p)^2 / sum p^2: if a few clumps of sparkle contain most of the glint, the
+    error does not represent others (after Carter, Schnepel and Steigerwald 2017).
     """
     cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]
@@ -166,5 +152,4 @@ def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], f
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)
-    slope = np.array([[slope_of(values[bands + k], values[i]) for k in range(indexes)] for i in range(bands)])
-    return slope.reshape(bands, indexes)
+    return np.array([[slope_of(values[bands + k], values[i]) for k in range(indexes)] for i in range(bands)])

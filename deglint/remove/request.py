@@ -77,12 +77,6 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
-def regression_model(method: str, request: FitRequest, stats: SampleStatistics, levels: Sequence[float]) -> GlintModel:
-    """Model with slopes by the request's regression, and the level of each index."""
-    slopes = REGRESSIONS[request.regression](stats)
-    return linear_model(method, request, slopes, levels, stats, regression=request.regression)
-
-
 def linear_model(
     method: str,
     request: FitRequest,
@@ -92,9 +86,7 @@ def linear_model(
     *,
     regression: str | None = None,
 ) -> GlintModel:
-    """Model of the request's indexes with slopes (band, index): R2 if there is a sample, standard errors if they are
-    from a regression.
-    """
+    """Model with slopes (band, index), R2 if there is a sample, and standard errors if a regression gave the slopes."""
     slopes = np.asarray(slopes, np.float64)
     errors = r2 = np.full(slopes.shape, np.nan)
     n = 0

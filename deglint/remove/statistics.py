@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CellMoments, Float64, Moments, cell_moments, in_share, thinned
+from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, in_share, thinned
 from ..scene import FloatArray
 from .detrend import detrend
 from .model import GlintIndex
@@ -82,7 +82,7 @@ class SampleStatistics:
 
 def gather(
     block: FloatArray,
-    mask: npt.NDArray[np.bool_],
+    mask: Mask,
     plan: SamplePlan,
     *,
     origin: tuple[int, int] = (0, 0),
@@ -90,23 +90,10 @@ def gather(
 ) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
-    Parameters
-    ----------
-    block : (len(plan.read_bands), rows, columns) ndarray
-        Physical values of the tile and its halo, NaN where not valid.
-    mask : (rows, columns) bool ndarray
-        True where a pixel belongs to the sample (in the halo too).
-    plan : SamplePlan
-        Statistics to gather.
-    origin : (int, int)
-        Row and column in the scene of the tile's first pixel, not counting the halo [pixel].
-    crop : (int, int, int, int)
-        Halo of the block: rows above and below, columns left and right [pixel].
-
-    Returns
-    -------
-    SampleStatistics
-        Of this tile.
+    block : (len(plan.read_bands), rows, columns), physical values of the tile and its halo, NaN where not valid
+    mask : (rows, columns), True where a pixel belongs to the sample (in the halo too)
+    origin : row and column in the scene of the tile's first pixel, not counting the halo [pixel]
+    crop : halo of the block: rows above and below, columns left and right [pixel]
     """
     planes = dict(zip(plan.read_bands, block, strict=True))
     first = len(plan.bands)
@@ -134,19 +121,10 @@ def gather(
 
 
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:
-    """Merge the statistics of some tiles.
+    """Merge the statistics of some tiles; the result is the same to the bit for any order of the parts.
 
-    Parameters
-    ----------
-    parts : sequence of SampleStatistics
-        At least one, gathered by this plan or one that keeps more single pixels.
-    plan : SamplePlan
-        Which single pixels to keep, and which cells to group.
-
-    Returns
-    -------
-    SampleStatistics
-        The same to the bit for any order of the parts.
+    parts : at least one, gathered by this plan or one that keeps more single pixels
+    plan : which single pixels to keep, and which cells to group
     """
     some = [p for p in parts if len(p.raw.n)] or parts[:1]
     raw = CellMoments.concatenate([p.raw for p in some]).joined(plan.levels)
@@ -165,7 +143,7 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
 
 
 def _extremes(
-    variables: FloatArray, mask: npt.NDArray[np.bool_], bands: int, origin: tuple[int, int], most: Callable[..., Any]
+    variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], most: Callable[..., Any]
 ) -> tuple[Extreme, ...]:
     """For each index the first masked pixel where it has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
     among, out = np.flatnonzero(mask), []

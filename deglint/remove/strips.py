@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import CELL, Float64
+from ..moments import CELL, Float64, Mask
 from .kernels import LagGrams, solve, unexplained
 
 SPLIT_WORTH = 0.15
@@ -33,7 +33,7 @@ class Strips:
     rows: tuple[str, ...]  # one text per row of squares, with "0" or "1" for each square
 
     @classmethod
-    def of(cls, second: npt.NDArray[np.bool_]) -> Strips:
+    def of(cls, second: Mask) -> Strips:
         """From a mask (row of squares, column of squares)."""
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 
@@ -78,7 +78,7 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     return (two[0], two[1]) if saved > SPLIT_WORTH else None
 
 
-def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> npt.NDArray[np.bool_]:
+def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
     """Mask of the squares that the second of two kernels explains better."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
@@ -91,7 +91,7 @@ def _left(grams: LagGrams, kernel: Float64) -> Float64:
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
 
 
-def filled(known: npt.NDArray[np.int8]) -> npt.NDArray[np.bool_]:
+def filled(known: npt.NDArray[np.int8]) -> Mask:
     """Squares of the second kind; unknown squares (-1) take the kind of the nearest known one (0 or 1).
 
     Isolated squares take the kind of most of their neighbours.

@@ -214,9 +214,7 @@ def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...
 
 
 def _serves(band: Band) -> bool:
-    """Whether a band can be a reference, as it shows no signal of the water: from 750 nm on, without water vapour
-    bands.
-    """
+    """Whether a band shows no signal of the water: from 750 nm on, without the bands of water vapour."""
     if not band.wavelength or band.wavelength < 750:
         return False
     narrow = band.width is not None and band.width < 40
