@@ -10,7 +10,7 @@ import rasterio
 import deglint
 from deglint.compensate.stages import STAGES, Kind
 from deglint.pipeline import load_chain, load_model
-from deglint.remove import METHODS, Method, published
+from deglint.remove import METHODS, Method, hedley
 from deglint.remove.request import regression_plan
 from detect.rx import METHODS as DETECTORS
 
@@ -28,7 +28,7 @@ def test_the_files_and_tables_that_it_names_exist():
 
 def test_a_new_method_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write, tmp_path):
     def fit(request, stats):
-        return replace(published.hedley(request, stats), method="mine")
+        return replace(hedley.fit(request, stats), method="mine")
 
     monkeypatch.setitem(METHODS, "mine", Method("as Hedley, by another name", fit, regression_plan, True, True))
     source = write(tmp_path / "in.tif", sea())

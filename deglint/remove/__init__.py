@@ -1,9 +1,8 @@
-"""Removal of glint: the methods, which work on arrays only.
+"""Removal of glint: one module per method, arrays only.
 
-`METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. Methods of
-one index are functions in `published`; others have a module each. To add a method, write a module with
-`fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a line here, and a test against
-a published or independent value.
+`METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. To add a
+method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a
+line here, and a test against a published or independent value.
 
 This package does not deal with files, tiles, threads, masks or logging.
 """
@@ -23,7 +22,7 @@ from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
 from ..moments import Mask
 from ..scene import Band, FloatArray
-from . import multiband, published, wiener
+from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
 from .regression import REGRESSIONS, glint_error
@@ -54,20 +53,16 @@ _index_plan = partial(regression_plan, keep_index=True)
 
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
-    "hedley": Method(
-        "slope on the NIR, level at its minimum (Hedley 2005)", published.hedley, regression_plan, True, True
-    ),
-    "lyzenga": Method(
-        "slope on the NIR, level at its mean (Lyzenga 2006)", published.lyzenga, regression_plan, True, True
-    ),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", published.joyce, _index_plan, True, True),
+    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, True, True),
+    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, True, True),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, True, True),
     "multiband": Method(
         "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
     ),
-    "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", published.hochberg, published.hochberg_plan),
-    "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", published.goodman),
-    "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", published.kutser, published.kutser_plan),
-    "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", published.nir_subtraction),
+    "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
+    "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
+    "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),
+    "nir-subtraction": Method("subtract the NIR reflectance itself (Dierssen 2003)", nir_subtraction.fit),
 }
 
 

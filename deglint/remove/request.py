@@ -77,6 +77,12 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
+def regression_model(method: str, request: FitRequest, stats: SampleStatistics, levels: Sequence[float]) -> GlintModel:
+    """Model with slopes by the request's regression, and the level of each index."""
+    slopes = REGRESSIONS[request.regression](stats)
+    return linear_model(method, request, slopes, levels, stats, regression=request.regression)
+
+
 def linear_model(
     method: str,
     request: FitRequest,

@@ -1,0 +1,47 @@
+"""Hedley, Harborne and Mumby (2005): slope against the NIR, glint-free NIR at its minimum.
+
+Assumes that glint in every band is proportional to that in the NIR, that water is dark in the NIR, and that at least
+one pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR pixel is an
+outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .model import GlintModel
+from .request import FitRequest, check_sample, regression_model
+from .statistics import SampleStatistics
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum.
+
+    Parameters
+    ----------
+    request : FitRequest
+        Bands to correct, NIR references, and estimator of the slopes.
+    stats : SampleStatistics
+        Statistics of the sample [unit of the bands], gathered with the method's plan.
+
+    Returns
+    -------
+    GlintModel
+        Slope b_i of each band, with its standard error, and the level of each reference.
+
+    Raises
+    ------
+    FitError
+        The sample has fewer than 64 pixels, or a reference does not vary in it.
+
+    References
+    ----------
+    Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
+    International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
+    """
+    check_sample(request, stats)
+    levels = [darkest.value for darkest in stats.darkest]
+    if request.floor_percentile > 0:  # in float64, since between float32 values numpy interpolates in float32
+        kept = (stats.index_values(k).astype(np.float64) for k in range(len(levels)))
+        levels = [float(np.percentile(values, request.floor_percentile)) for values in kept]
+    return regression_model("hedley", request, stats, levels)

@@ -1,0 +1,50 @@
+"""Hochberg, Andrefouet and Tyler (2003): slope between the brightest and the darkest NIR pixel.
+
+Assumes that these two pixels differ only in glint. The published method depends on two pixels, so one boat in the
+sample makes it fail: select the sample with care. Costs one pass over the sample.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .model import GlintModel
+from .request import FitRequest, check_sample, linear_model
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """Statistics to gather: moments, and the brightest and darkest pixel of every NIR reference."""
+    return SamplePlan(request.correct, request.indexes)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """L'_i = L_i - f (L_i(brightest) - L_i(darkest)), f = (NIR - min NIR) / (max NIR - min NIR).
+
+    Parameters
+    ----------
+    request : FitRequest
+        Bands to correct and NIR references.
+    stats : SampleStatistics
+        Statistics of the sample [unit of the bands], gathered with the method's plan.
+
+    Returns
+    -------
+    GlintModel
+        Slope of each band between the two pixels, and the level of each reference.
+
+    Raises
+    ------
+    FitError
+        The sample has fewer than 64 pixels, or a reference does not vary in it.
+
+    References
+    ----------
+    Hochberg, Andrefouet, Tyler (2003), "Sea surface correction of high spatial resolution Ikonos images to improve
+    bottom mapping in near-shore environments", IEEE Transactions on Geoscience and Remote Sensing 41, 1724-1729,
+    doi:10.1109/TGRS.2003.815408.
+    """
+    check_sample(request, stats)
+    ends = list(zip(stats.darkest, stats.brightest, strict=True))
+    slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
+    return linear_model("hochberg", request, slopes, [d.value for d, _ in ends], stats)

@@ -1,0 +1,63 @@
+"""Kutser, Vahtmae and Praks (2009): glint by the depth of the oxygen absorption at 760 nm.
+
+Light reflected at the surface has the oxygen absorption of the atmosphere, which is weak in light from shallow bright
+bottoms. The depth of the absorption is therefore the glint index, instead of the NIR, and the method works where water
+is not black in the NIR. Needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are not
+corrected for the atmosphere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .model import GlintIndex, GlintModel
+from .request import FitRequest, check_sample, linear_model
+from .statistics import SamplePlan, SampleStatistics
+
+
+def plan(request: FitRequest) -> SamplePlan:
+    """Statistics to gather: moments, and the pixels with the deepest and the shallowest oxygen absorption."""
+    return SamplePlan(request.correct, _with_depth(request).indexes)
+
+
+def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
+    """Fit the glint spectrum G to the depth D of the oxygen absorption band at 760 nm.
+
+    R'_i = R_i - G_i D / D_max with D = (R_739 + R_775) / 2 - R_760 and G = R(at D_max) - R(at D_min).
+
+    Parameters
+    ----------
+    request : FitRequest
+        Bands to correct, with their wavelengths [nm].
+    stats : SampleStatistics
+        Statistics of the sample [unit of the bands], gathered with the method's plan.
+
+    Returns
+    -------
+    GlintModel
+        Slope G_i / D_max of each band on D, with the level 0.
+
+    Raises
+    ------
+    BandError
+        The scene has no band at one of these wavelengths.
+    FitError
+        The sample has fewer than 64 pixels, or a reference does not vary in it.
+
+    References
+    ----------
+    Kutser, Vahtmae, Praks (2009), "A sun glint correction method for hyperspectral imagery containing areas with
+    non-negligible water leaving NIR signal", Remote Sensing of Environment 113, 2267-2274,
+    doi:10.1016/j.rse.2009.06.016.
+    """
+    request = _with_depth(request)
+    check_sample(request, stats)
+    shallow, deep = stats.darkest[0], stats.brightest[0]
+    slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
+    return linear_model("kutser", request, slopes, [0.0], stats)
+
+
+def _with_depth(request: FitRequest) -> FitRequest:
+    bands = tuple(request.nearest(w, 5, "kutser") for w in (739, 760, 775))
+    depth = GlintIndex(bands, (0.5, -1.0, 0.5))
+    return replace(request, indexes=(depth,), follows=(0,) * len(request.correct))
