@@ -86,16 +86,17 @@ def test_dry_sand_beside_a_sparkling_shallow_stays_land():
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.06])
-def test_boats_rocks_and_plants_in_glint_are_not_water(delay):
-    """3 m by 9 m at 0.25 m, as bright as a white hull, a wet rock, or plants with little red; the rest is sea."""
+@pytest.mark.parametrize(("wind", "width"), [(8.0, 12), (5.0, 8)])
+def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):
+    """2 or 3 m by 9 m at 0.25 m, as bright as a white hull, a wet rock, or plants with little red; the rest is sea."""
     sensor = preset("thesis").delayed(delay)
     steps = np.array([b.full_scale for b in sensor.bands], np.float32)[:, None, None] / sensor.levels
-    sea = simulate(Setup(sensor=sensor, size=(256, 256), wind=8.0, seed=11)).image * steps
+    sea = simulate(Setup(sensor=sensor, size=(256, 256), wind=wind, seed=11)).image * steps
     roles, afloat = Roles(nir=6, blue=1, green=2, red=4), np.zeros((256, 256), bool)
     assert water(sea, fit_water([sea], roles, pixel=0.25)).all()
     light = np.median(sea[6]) * 150
-    for column, spectrum in (60, (1.5, 1.4, 1.2, 1.0)), (120, (0.2, 0.3, 0.4, 0.5)), (180, (0.1, 0.15, 0.1, 1.0)):
-        hull = slice(100, 112), slice(column, column + 36)
+    for column, spectrum in (70, (1.5, 1.4, 1.2, 1.0)), (140, (0.2, 0.3, 0.4, 0.5)), (200, (0.1, 0.15, 0.1, 1.0)):
+        hull = slice(100, 100 + width), slice(column, column + 36)
         afloat[hull] = True
         for band, share in zip((1, 2, 4, 6), spectrum, strict=True):
             sea[(band, *hull)] = share * light

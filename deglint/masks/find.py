@@ -52,7 +52,8 @@ CORE, OF_CLUMP = 7, 0.3
 """Boats and narrow land are brighter than that all over a larger square: the smallest, from 7 pixels on, over which
 glint, measured in the same way, is less than .3 times as bright, and at most half of the width of a patch of glint. The
 brightest glint of a scene, over such a square, then reaches .03 to .78 times the brightness of the clump, for winds of
-2 to 12 m/s and pixels of .1 to 1 m; boats that are not saturated have 1.2 to 10 times."""
+2 to 12 m/s and pixels of .1 to 1 m; boats that are not saturated have 1.2 to 10 times. The same with only the pixels
+that have more NIR than visible: glint fills no square of 7 pixels with these."""
 AFLOAT = 2.0
 """And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
 are not, where there is no glint to compare with."""
@@ -153,12 +154,15 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     solid = view.brighter(found.threshold, window)
     rule = WaterRule(view.roles, window=window, **found._asdict())
     level, plume = found.nir_level, AFLOAT * abs(found.contrast)
-    clump = max(view.clumps(solid, level), plume)
     sides = [w for w in WINDOWS if CORE <= w <= max(CORE, (widest + 1) // 2)] if widest >= CORE else []
-    if sides and np.isfinite(clump):
-        core = next((w for w in sides if view.clumps(solid, level, w) <= OF_CLUMP * clump), sides[-1])
-        red = max(view.clumps(solid, level, red=True), plume)
-        rule = replace(rule, core=core, bright=level + clump, red=level + red)
+    if sides:
+        limits = []
+        for red in (False, True):
+            clump = max(view.clumps(solid, level, red=red), plume)
+            dim = (w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump)
+            limits.append((next(dim, sides[-1]), level + clump))
+        (core, bright), (red_core, above) = limits
+        rule = replace(rule, core=core, bright=bright, red_core=red_core, red=above)
         solid = [land(b, rule) for b in view.blocks]
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None

@@ -52,9 +52,9 @@ class WaterRule:
     """How water is distinguished from the rest: plain numbers, in the unit of the bands.
 
     Not water is what has NIR above `threshold` over a whole square of side `window`, which is 1 at coarse pixels and
-    larger where glint is resolved into bright patches. Nor is what has NIR above `bright`, or above `red` and above the
-    first visible band, over a smaller square of side `core`: boats and narrow land, too bright for a patch of glint of
-    that size, or not of the colour of glint.
+    larger where glint is resolved into bright patches. Nor is what has NIR above `bright` over a smaller square of side
+    `core`, or above `red` and above the first visible band over one of side `red_core`: boats and narrow land, too
+    bright for a patch of glint of that size, or not of the colour of glint.
     """
 
     roles: Roles
@@ -62,6 +62,7 @@ class WaterRule:
     window: int = 1  # [pixel]
     core: int = 1  # [pixel]; 1: not used
     bright: float = np.inf
+    red_core: int = 1  # [pixel]; 1: not used
     red: float = np.inf
     nir_level: float = np.nan  # median NIR of the water; NaN: no water
     contrast: float = np.nan  # visible minus NIR of the darkest water, free of an offset of all bands; NaN: no water
@@ -72,7 +73,7 @@ class WaterRule:
     @property
     def halo(self) -> int:
         """Pixels that `water` needs around a tile."""
-        return max(self.window, self.core + self.core // 2) - 1
+        return max(self.window, *(side + side // 2 for side in (self.core, self.red_core))) - 1
 
     @property
     def has_water(self) -> bool:
@@ -150,12 +151,13 @@ def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = opened(nir > rule.threshold, missing, rule.window)
-    if rule.core > 1:
-        bright = (nir > rule.bright) | ((nir > rule.red) & (nir > visible))
-        solid = opened(bright, missing, rule.core)
-        for _ in range(rule.core // 2 if solid.any() else 0):  # bow and stern are narrower
-            solid = bright & grown(solid, 3)
-        found |= solid
+    for side, red in ((rule.core, False), (rule.red_core, True)):
+        if side > 1:
+            bright = (nir > rule.red) & (nir > visible) if red else nir > rule.bright
+            solid = opened(bright, missing, side)
+            for _ in range(side // 2 if solid.any() else 0):  # bow and stern are narrower
+                solid = bright & grown(solid, 3)
+            found |= solid
     return found
 
 
