@@ -45,6 +45,8 @@ within 3 x 3."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 """Least time between the first and the last band [s], in which ripples change; fewest bands: three always fit the three
 parameters of a smooth spectrum."""
+LASTS = 0.1
+"""Time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m."""
 COMMON = 0.1
 """Share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %."""
 MEAN_WINDOW = 15
@@ -79,7 +81,7 @@ class Targets:
     light: Sequence[float] = ()  # radiance of a white target; in this unit the median band has noise of deviation 1
     noise: Sequence[float] = ()  # standard deviation over `light`
     water: Sequence[float] = ()  # radiance over `light`
-    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]
+    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]; infinite beyond `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
     first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
@@ -200,8 +202,8 @@ class Excess:
         return out
 
     def saturated(self) -> Mask:
-        """Pixels beside any that is saturated in some band. They are not tested: the spectrum of a clipped peak is that
-        of white paint.
+        """Pixels beside any that is saturated in some band, where the bands are taken within `LASTS`. They are not
+        tested: clipped peaks of sparkle have the spectrum of white paint then.
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full, strict=False):  # none in models saved by 0.2.0.dev
@@ -337,7 +339,9 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
     light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
     s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
     light *= np.median(s / light)
-    full = saturation(sample, setting)[list(order)]
+    t, full = setting.offsets, saturation(sample, setting)[list(order)]
+    if t is None or np.ptp(t[list(order)]) > LASTS:
+        full[:] = np.inf
     numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light, full)]
     return Targets(tuple(order), *numbers)  # type: ignore[arg-type]
 
