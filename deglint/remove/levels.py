@@ -188,10 +188,10 @@ def shared_level(
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
 
-    What a band exceeds the predicted glint by does not depend on glint: b / s - p = w_b / s - w_NIR, with w of the
-    water. As w_NIR is at most `DARKER` times w_b / s of a visible band, it is at most `DARKER` / (1 - `DARKER`) times
-    this excess. The level is not raised above that. Where every pixel may hold glint, the least of it is no level: that
-    limit is. Nor is a sheet even: the least glint is at most `LEAST_OF_MEDIAN` times the median.
+    Where every pixel may hold glint, the least of it is no level. What a band exceeds the predicted glint by does not
+    depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at most `DARKER` times w_b / s of a
+    visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. Nor is a sheet even: the least glint is at
+    most `LEAST_OF_MEDIAN` times the median.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
@@ -202,25 +202,22 @@ def shared_level(
     least = order <= np.percentile(order, LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
-    raised, darkest = float(np.median(together[least])), _darkest(sample, slopes, visible)
-    most = min(max(raised, darkest), middle) if darkest > 0 else middle
+    raised = float(np.median(together[least]))
 
     def positive(where: Mask, negative: float) -> float:
-        """Level with which no more than a share [%] of the pixels is negative in any band, at most the highest NIR
-        that water can have: beyond it, errors of the kernels make pixels negative, and not the level.
-        """
+        """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
         short = [
             float(np.percentile((p - v / s)[inside], 100 - negative)) - at
             for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
             if (inside := (v > 0) & where).any()
         ]  # fmt: skip
-        return min(raised + max(short, default=0.0), most)
+        return min(raised + max(short, default=0.0), middle)
 
     lowest = positive(together <= middle, NEGATIVE)
     chosen = max(raised, lowest)
     if sheet:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
-        chosen = max(min(raised, darkest), uneven, lowest)
+        chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
         if chosen < raised:
             lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
             chosen = max(chosen, lowest)
