@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from deglint import remove_glint
+from deglint.morphology import grown
 from detect.pipeline import Recipe, score_file
 
 from .files import DATA, plane
-from .ships import BANDS, PORTS, grown
+from .ships import BANDS, PORTS
 
 RATES = (1e-3, 1e-4)
 NEAR = 15

@@ -17,6 +17,7 @@ import numpy.typing as npt
 import rasterio
 
 from deglint import remove_glint
+from deglint.morphology import grown
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import FloatingTarget, Setup, simulate
@@ -26,7 +27,7 @@ from detect.pipeline import score_file
 
 from .alarms import NEAR
 from .files import DATA, plane
-from .ships import BANDS, REMOVALS, Port, grown
+from .ships import BANDS, REMOVALS, Port
 
 Mask = npt.NDArray[np.bool_]
 Place = tuple[slice, slice]

@@ -23,6 +23,7 @@ import numpy.typing as npt
 import rasterio
 
 from deglint import Recipe, open_scene, remove_glint
+from deglint.morphology import grown
 from deglint.readers.place import ground_area
 from detect import local_rx
 from detect.objects import find
@@ -84,11 +85,6 @@ class Port:
                 false += 1
             best = [max(b, len(seen)) if false / self.km2 <= r else b for b, r in zip(best, RATES, strict=True)]
         return best
-
-
-def grown(mask: Mask, side: int) -> Mask:
-    """The mask, grown by a square of a side [pixel]."""
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def peer(image: npt.NDArray[Any], where: Mask) -> npt.NDArray[np.float64]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deglint.compensate.spectra import reflectances
-from deglint.compensate.state import Sample, Setting, State, saturation
+from deglint.compensate.state import Sample, Setting, State, full_scale
 from deglint.compensate.targets import Excess, Targets, extrapolated, fit
 from deglint.errors import FitError
 from deglint.physics.atmosphere import irradiance
@@ -147,7 +147,7 @@ def test_saturation_is_declared_or_where_values_pile_up():
     def found(image, declared=None):
         state = State.of(image)
         bands = (Band("a", saturation=declared), Band("b"))
-        return saturation(Sample((state,), (state.water,)), Setting(bands, (1,)))
+        return full_scale(Sample((state,), (state.water,)), Setting(bands, (1,)))
 
     assert np.isinf(found(fine)).all()
     assert found(fine, 0.5) == pytest.approx([0.999 * 0.5, np.inf])

@@ -1,5 +1,7 @@
 """Sparkle and land: what is glint is water, however wide it is, and what is land stays land beside it."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -105,6 +107,28 @@ def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):
     np.testing.assert_array_equal(tiled(water, sea, rule), found)
     assert not found[afloat].any()
     assert found[~afloat].mean() > 0.999
+
+
+@pytest.mark.parametrize(
+    ("name", "gsd"), [("thesis", 0.15), ("thesis-f30", 0.3), ("micasense", 0.2), ("worldview3", 0.5)]
+)
+@pytest.mark.parametrize("wind", [4.0, 11.0])
+def test_the_brightest_glint_of_a_sea_is_water(name, gsd, wind):
+    """Its squares of 7 and more pixels stay below the brightest clumps of three quarters of the sea."""
+    sensor = replace(preset(name), gsd=gsd)
+    nir = min(range(len(sensor.bands)), key=lambda i: abs(sensor.bands[i].wavelength - 840))
+    steps = np.array([b.full_scale for b in sensor.bands], np.float32)[:, None, None] / sensor.levels
+    sea = simulate(Setup(sensor=sensor, size=(320, 320), wind=wind, sun_zenith=30.0, seed=21)).image * steps
+    rule = fit_water([sea], Roles(nir=nir, green=1), pixel=gsd)
+    assert min(rule.core, rule.red_core) >= 7
+    assert water(sea, rule).mean() > 0.9999
+
+
+def test_boats_are_not_sought_where_too_little_sea_is_in_view_to_compare_with():
+    scene = sparkling_sea()[:, :100, :100]
+    rule = fit_water([scene], ROLES, pixel=0.25)
+    assert (rule.core, rule.red_core) == (1, 1)
+    assert np.isinf([rule.bright, rule.red]).all()
 
 
 def test_land_whose_nir_is_saturated_is_no_water():

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..remove.noise import noise, spread
-from .state import Sample, Setting, State
+from .state import Sample, Setting, State, full_scale
 
 K = 5.0
 """Standard deviations above the median, as in Fink (2014), section 6.3."""
@@ -36,12 +36,12 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Identi
     """
     k = K if number is None else number
     unit = sample.states[0].unit
-    full = setting.saturation / (1 if unit is None else unit)
+    full = full_scale(sample, setting) / (1 if unit is None else unit)
     found = []
     for b in range(len(setting.bands)):
         planes = [s.image[b] for s in sample.states]
         values = sample.values(planes)
         middle = np.float32(np.median(values))
         about = max(spread(values[values <= middle] - middle), noise(planes, sample.inside))
-        found.append(min(float(middle) + k * about, float(full[b]) * (1 - 1e-6)))  # saturated pixels exceed it
+        found.append(min(float(middle) + k * about, float(full[b])))  # saturated pixels exceed it
     return IdentifyMedian(tuple(found))

@@ -33,7 +33,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..remove.noise import noise, spread
-from .state import FEWEST, Float32, Sample, Setting, State, saturation
+from .state import FEWEST, Float32, Sample, Setting, State, full_scale
 
 GLINT_QUANTILES = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
 """Quantiles of the removed glint that bound the groups of pixels: most glint is in the last few."""
@@ -203,7 +203,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
     left = tuple(left_over(b, sample) for b in corrected)
     ratios: Sequence[float] = [p.ratio for p in left] or [0.0]
     width = int(number) if number else clump_width(sample, setting.nir[0])
-    return Posterior(width, left, tuple(saturation(sample, setting).tolist()), float(np.mean(ratios)) > RESOLVED)
+    return Posterior(width, left, tuple(full_scale(sample, setting).tolist()), float(np.mean(ratios)) > RESOLVED)
 
 
 def clump_width(sample: Sample, band: int) -> int:

@@ -102,7 +102,7 @@ class Setting:
 
     @cached_property
     def saturation(self) -> Float64:
-        """Saturation value of each band; infinity where not known."""
+        """Declared saturation value of each band; infinity where there is none."""
         return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
 
     @cached_property
@@ -140,7 +140,7 @@ ROUNDED = 0.999
 """Share of the saturation value from which pixels count as saturated: values are rounded."""
 
 
-def saturation(sample: Sample, setting: Setting) -> Float64:
+def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which each band of the scene is saturated, as declared, or where values pile up; infinity where not
     known.
     """

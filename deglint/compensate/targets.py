@@ -31,7 +31,7 @@ from ..morphology import grown
 from ..remove.colour import SUN_ZENITH
 from ..remove.noise import noise
 from .spectra import Model, models
-from .state import Float32, Mask, Sample, Setting, State, saturation
+from .state import Float32, Mask, Sample, Setting, State, full_scale
 
 Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
@@ -81,7 +81,7 @@ class Targets:
     light: Sequence[float] = ()  # radiance of a white target; in this unit the median band has noise of deviation 1
     noise: Sequence[float] = ()  # standard deviation over `light`
     water: Sequence[float] = ()  # radiance over `light`
-    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]; infinite beyond `LASTS`
+    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]; empty beyond `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
     first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
@@ -206,7 +206,7 @@ class Excess:
         tested: clipped peaks of sparkle have the spectrum of white paint then.
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
-        for raw, limit in zip(self.raw, self.stage.full, strict=False):  # none in models saved by 0.2.0.dev
+        for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
             full |= raw >= np.float32(limit)
         return grown(full, 3)
 
@@ -301,6 +301,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     if len(order) < FEWEST_BANDS:
         return Targets(reason=f"{len(order)} bands are between 300 and 1000 nm, need at least {FEWEST_BANDS}")
     stage, t = described(sample, setting, order), t[list(order)]
+    if np.ptp(t) <= LASTS:
+        stage = replace(stage, full=tuple(full_scale(sample, setting)[order].tolist()))
     blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
     planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
     top = max(float(e[:, m].max(initial=1)) for e, m in zip(planes, sample.inside, strict=True))
@@ -339,10 +341,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
     light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
     s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
     light *= np.median(s / light)
-    t, full = setting.offsets, saturation(sample, setting)[list(order)]
-    if t is None or np.ptp(t[list(order)]) > LASTS:
-        full[:] = np.inf
-    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light, full)]
+    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light)]
     return Targets(tuple(order), *numbers)  # type: ignore[arg-type]
 
 

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, check_looks, land, opened, thinned, valid_for
+from .surface import Roles, WaterRule, check_looks, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
@@ -50,10 +51,9 @@ CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 in others there may be boats."""
 CORE, OF_CLUMP = 7, 0.3
 """Boats and narrow land are brighter than that all over a larger square: the smallest, from 7 pixels on, over which
-glint, measured in the same way, is less than .3 times as bright, and at most half of the width of a patch of glint. The
-brightest glint of a scene, over such a square, then reaches .03 to .78 times the brightness of the clump, for winds of
-2 to 12 m/s and pixels of .1 to 1 m; boats that are not saturated have 1.2 to 10 times. The same with only the pixels
-that have more NIR than visible: glint fills no square of 7 pixels with these."""
+glint, measured in the same way, is less than .3 times as bright, and at most half as wide as a patch of glint. The
+margin is for the brightest glint of a scene, which is several times that of three quarters of its squares. The same
+with only the pixels that have more NIR than visible, which fill a square of 7 pixels hardly anywhere in glint."""
 AFLOAT = 2.0
 """And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
 are not, where there is no glint to compare with."""
@@ -154,15 +154,14 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     solid = view.brighter(found.threshold, window)
     rule = WaterRule(view.roles, window=window, **found._asdict())
     level, plume = found.nir_level, AFLOAT * abs(found.contrast)
-    sides = [w for w in WINDOWS if CORE <= w <= max(CORE, (widest + 1) // 2)] if widest >= CORE else []
-    if sides:
-        limits = []
-        for red in (False, True):
-            clump = max(view.clumps(solid, level, red=red), plume)
-            dim = (w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump)
-            limits.append((next(dim, sides[-1]), level + clump))
-        (core, bright), (red_core, above) = limits
-        rule = replace(rule, core=core, bright=bright, red_core=red_core, red=above)
+    sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
+    clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
+    if sides and np.isfinite(clumps).all():
+        core, red_core = (
+            next((w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump), sides[-1])
+            for red, clump in zip((False, True), clumps, strict=True)
+        )
+        rule = replace(rule, core=core, bright=level + clumps[0], red_core=red_core, red=level + clumps[1])
         solid = [land(b, rule) for b in view.blocks]
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
@@ -251,12 +250,12 @@ class _View:
         radiance = WHITE_RED[0] < red_of < WHITE_RED[1] and WHITE_NIR[0] < nir_of < WHITE_NIR[1]
         return SUN if radiance else PLAIN_WHITE
 
-    def brighter(self, threshold: float, window: int) -> list[BoolArray]:
+    def brighter(self, threshold: float, window: int) -> list[Mask]:
         """Pixels in a square window in which all NIR is above a threshold."""
         nir = self.roles.nir
-        return [opened(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
+        return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
-    def clumps(self, solid: Sequence[BoolArray], level: float, side: int = CLUMP, *, red: bool = False) -> float:
+    def clumps(self, solid: Sequence[Mask], level: float, side: int = CLUMP, *, red: bool = False) -> float:
         """Height of the brightest clump of glint of this side above a level in squares of sea; infinite where too
         little is in view.
 
@@ -287,7 +286,7 @@ class _View:
             apart = [a & (v > 0) for a, v in zip(apart, votes, strict=True)]
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
 
-    def is_water(self, solid: Sequence[BoolArray], votes: Sequence[Votes], compact: float) -> bool:
+    def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
         """Whether the remaining pixels mostly have the colour of water, and a share `compact` of them lies in squares.
 
         With compactness, some pixels must also have voted against water.
@@ -297,12 +296,12 @@ class _View:
         for o, vote, v in zip(solid, votes, self.valid, strict=True):
             like = v & ~o & (vote > 0)
             found, alike = found + int((v & ~o).sum()), alike + int(like.sum())
-            together += int(opened(like, ~v, side).sum())
+            together += int(filled_squares(like, ~v, side).sum())
         enough = 2 * alike > found and together >= max(min(LEAST_BODY, side * side), compact * found)
         return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
 
 
-def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
+def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
     """Sum of the valid values in a square around each pixel."""
     values = np.where(valid, values, 0)
     if side == 1:
@@ -313,7 +312,7 @@ def _summed(values: FloatArray, valid: BoolArray, side: int) -> FloatArray:
     return np.asarray(summed, values.dtype)
 
 
-def _opened_band(band: FloatArray, valid: BoolArray, window: int) -> FloatArray:
+def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     """Morphological opening of a band by a square; invalid pixels are ignored."""
     if window == 1:
         return band

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import FitError
-from ..moments import Float64
+from ..moments import Float64, Mask
 from ..morphology import grown, opened
 from ..scene import FloatArray
-from .surface import BoolArray, Roles, WaterRule, check_looks, thinned, valid_for, water
+from .surface import Roles, WaterRule, check_looks, thinned, valid_for, water
 
 SIZE = 15
 """Side of the square for local statistics of water [pixel]."""
@@ -75,14 +75,14 @@ def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
 class _Local(NamedTuple):
     """Statistics of water in the square around each pixel, in grains (see `SampleRule`)."""
 
-    enough: BoolArray
+    enough: Mask
     nir: Float64
     level: Float64
     variance: Float64
     covariance: Float64
     visible: Float64
 
-    def pick(self, chosen: BoolArray | slice) -> _Local:
+    def pick(self, chosen: Mask | slice) -> _Local:
         first, *others = self
         return _Local(first[chosen], *(a[chosen] for a in others))
 
@@ -93,7 +93,7 @@ class _Local(NamedTuple):
         return np.maximum(self.visible - explained, 0.0)
 
 
-def away_from_shore(mask: BoolArray) -> BoolArray:
+def away_from_shore(mask: Mask) -> Mask:
     """Water pixels that lie in squares of water of `SHORE` pixels.
 
     Examples
@@ -160,7 +160,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     return _summarise(_gather(local, found), sample, valid)
 
 
-def deep_water(block: FloatArray, rule: SampleRule) -> BoolArray:
+def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     """Mask of the deep-water sample.
 
     Parameters
@@ -198,7 +198,7 @@ def _spread(values: FloatArray) -> tuple[float, float]:
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
-def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: WaterRule) -> SampleRule:
+def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
     """Weights, centres and steps of the quantisation: 1024 grains for the typical range of the water."""
 
     def over_water(band: int) -> FloatArray:
@@ -215,7 +215,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[BoolArray], rule: Water
     return SampleRule(rule, weights, (nir, visible), steps)
 
 
-def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
+def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
     """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
     import cv2
 
@@ -243,13 +243,13 @@ def _local(block: FloatArray, mask: BoolArray, rule: SampleRule) -> _Local:
     )
 
 
-def _gather(local: Sequence[_Local], masks: Sequence[BoolArray]) -> _Local:
+def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
     """Statistics of the masked pixels of all blocks, flattened."""
     return _Local(*map(np.concatenate, zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)))
 
 
 def _choose_distance(
-    looks: Sequence[FloatArray], masks: Sequence[BoolArray], local: Sequence[_Local], sample: SampleRule
+    looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
@@ -286,13 +286,13 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
     return replace(sample, least_variance=max(least, 1e-6))
 
 
-def _even(local: _Local, rule: SampleRule) -> BoolArray:
+def _even(local: _Local, rule: SampleRule) -> Mask:
     """Squares where the visible varies no more than typical; the limit grows with glint."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
-def _darker_kind(level: Float64) -> BoolArray:
+def _darker_kind(level: Float64) -> Mask:
     """The darkest class, splitting by Otsu's threshold while there are clearly two classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
@@ -321,7 +321,7 @@ def _otsu(values: Float64) -> tuple[float, float]:
     return float(edges[best + 1]), float(between[best] / variance)
 
 
-def _select(block: FloatArray, mask: BoolArray, local: _Local, rule: SampleRule) -> BoolArray:
+def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> Mask:
     """Apply all limits, and make the mask compact by an opening; invalid pixels are ignored."""
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)

@@ -7,13 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import BandError, InputError
+from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
 
 ENOUGH_TO_RANK = 100_000
 """Most values from which a percentile is determined; of more values, every k-th is used."""
@@ -110,7 +108,7 @@ class WaterRule:
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
-def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray:
+def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
     """Mask of water.
 
     Parameters
@@ -146,22 +144,22 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArra
     return valid & ~land(block, rule)
 
 
-def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> BoolArray:
+def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
     """What is not water: too bright over a square for glint, or not of its colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
-    found = opened(nir > rule.threshold, missing, rule.window)
+    found = filled_squares(nir > rule.threshold, missing, rule.window)
     for side, red in ((rule.core, False), (rule.red_core, True)):
         if side > 1:
             bright = (nir > rule.red) & (nir > visible) if red else nir > rule.bright
-            solid = opened(bright, missing, side)
+            solid = filled_squares(bright, missing, side)
             for _ in range(side // 2 if solid.any() else 0):  # bow and stern are narrower
                 solid = bright & grown(solid, 3)
             found |= solid
     return found
 
 
-def opened(bright: BoolArray, missing: BoolArray, window: int) -> BoolArray:
+def filled_squares(bright: Mask, missing: Mask, window: int) -> Mask:
     """Bright pixels in a square of `window` bright pixels that lies inside the image: these are not water.
 
     Missing pixels are ignored. A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach
@@ -186,7 +184,7 @@ def check_looks(looks: Sequence[FloatArray], roles: Roles) -> None:
         roles.check(len(block))
 
 
-def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> BoolArray:
+def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:
     """Pixels where every band in `roles` is finite."""
     valid = np.isfinite(block[roles.nir])
     for band in roles.visible:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Data types that an output can have."""
+
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -335,7 +337,7 @@ def load_chain(path: str) -> Chain:
     return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
 
-def _load(path: str, read: Callable[[str], Any]) -> Any:
+def _load(path: str, read: Callable[[str], Read]) -> Read:
     """Read a saved fit; errors name the file."""
     text = read_text(path, "--model")
     try:

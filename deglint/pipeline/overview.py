@@ -118,7 +118,9 @@ def _compact(roles: Roles) -> Roles:
     return Roles(nir=place[roles.nir], **index)
 
 
-def on_threads(tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Any = None) -> Iterator[Any]:
+def on_threads(
+    tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Callable[[int, int], None] | None = None
+) -> Iterator[Any]:
     """Iterate over the results of work that reads the scene."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
