@@ -264,6 +264,20 @@ def test_the_level_under_a_sheet_is_bounded_by_the_darkest_water(red, highest):
     assert chosen < highest
 
 
+def test_a_level_raised_for_positivity_is_the_same_for_a_reference_of_any_unit():
+    rng = np.random.default_rng(16)
+    glint = np.concatenate([np.zeros(40_000), rng.gamma(1.0, 50.0, 160_000)])
+    value = np.stack([100 + glint, 3 + glint]) + rng.normal(0, 2, (2, glint.size))  # dark red: some are negative
+    prediction = np.repeat((20 + glint)[None], 2, axis=0) + rng.normal(0, 2, glint.size)
+    levels = []
+    for unit in (1.0, 0.25):  # of the second reference
+        scaled = np.array([[1.0], [unit]])
+        own, (lowest, chosen, _) = shared_level(level_sample(prediction * scaled, value), 1 / scaled[:, 0])
+        assert chosen == lowest, "raised"
+        levels.append(own / scaled[:, 0])
+    assert levels[0] == pytest.approx(levels[1], rel=0.02)
+
+
 def test_strips_are_found_and_each_follows_its_own_waves():
     glints = waves((256, 384), seed=6)
     block = (WATER + np.broadcast_to(glints, (4, *glints.shape))).astype(np.float32)

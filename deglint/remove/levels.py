@@ -203,12 +203,13 @@ def shared_level(
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
+    unit = _units(np.median(prediction, axis=1) - level, slopes)
 
     def positive(where: Mask, negative: float) -> float:
         """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
         short = [
-            float(np.percentile((p - v / s)[inside], 100 - negative)) - at
-            for p, v, s, at in zip(prediction, value, slopes, level, strict=True)
+            (float(np.percentile((p - v / s)[inside], 100 - negative)) - at) / u
+            for p, v, s, at, u in zip(prediction, value, slopes, level, unit, strict=True)
             if (inside := (v > 0) & where).any()
         ]  # fmt: skip
         return min(raised + max(short, default=0.0), middle)
@@ -221,7 +222,13 @@ def shared_level(
         if chosen < raised:
             lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
             chosen = max(chosen, lowest)
-    return np.asarray(level + (chosen - raised), np.float64), (max(float(lowest), 0.0), float(chosen), middle)
+    return np.asarray(level + (chosen - raised) * unit, np.float64), (max(float(lowest), 0.0), float(chosen), middle)
+
+
+def _units(glint: Float64, slopes: Float64) -> Float64:
+    """Glint in the NIR of each band, relative to the mean: references differ in wavelength and time."""
+    mean = float(slopes @ glint / slopes.sum())
+    return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
 def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
