@@ -227,6 +227,19 @@ def test_sparkle_that_lasts_raises_the_threshold():
     assert fitted(lasting, clean)[1].threshold > fitted(image, clean)[1].threshold + 5
 
 
+@pytest.mark.parametrize(("share", "refused"), [(0.02, False), (0.6, True)])
+def test_sparkle_that_outlasts_the_bands_cannot_be_distinguished(share, refused):
+    """A share of the flashes has nearly the same brightness in all bands."""
+    image, clean, _ = scene()
+    rng = np.random.default_rng(5)
+    steady = sparkle(rng, image.shape[1:])[0] * (rng.random(image.shape[1:]) < share)
+    changing = sparkle(rng, image.shape[1:], 0.1 * (1 - share))
+    glint = steady * (1 + 0.05 * rng.standard_normal(image.shape)) + changing
+    image = (clean + glint * light()[:, None, None] + 3e-4 * rng.standard_normal(image.shape)).astype(np.float32)
+    _state, stage = fitted(image, clean)
+    assert ("lasts" in stage.reason) == refused
+
+
 def test_extrapolation_does_not_count_targets():
     assert extrapolated(0.2 * 0.5 ** np.arange(7) + 0.01) == pytest.approx(0.2 * 0.5**7 / 0.5, rel=1.1)
     assert extrapolated(np.full(7, 0.01)) == 0

@@ -47,6 +47,9 @@ LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 parameters of a smooth spectrum."""
 LASTS = 0.1
 """Time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m."""
+LASTING = 0.2
+"""Share of faintly lit pixels that keep their brightness in all bands, above which sparkle lasts too long to differ
+from targets: .30 for 20 ms between bands and pixels of 0.9 m, up to .09 where the test works. Targets are brighter."""
 COMMON = 0.1
 """Share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %."""
 MEAN_WINDOW = 15
@@ -117,6 +120,11 @@ class Targets:
     def _steps(self) -> Float32:
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
+    @property
+    def lit(self) -> int:
+        """Histogram bin above which a pixel is lit."""
+        return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
+
     def binned(self, e: Float32) -> Places:
         """Histogram bins of excesses."""
         return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
@@ -181,25 +189,17 @@ class Excess:
         lit = zip(self.raw, self.below, self.stage.light, strict=True)
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
-    def peaks(self, rows: int = 32) -> Mask:
+    def peaks(self) -> Mask:
         """Possible peaks of targets: lit and near the maximum of 3 x 3 pixels in three bands, not all early or late."""
         import cv2
 
-        (height, width), square = self.raw[0].shape, np.ones((3, 3), np.uint8)
-        out, (e, limit) = np.empty((height, width), np.bool_), np.empty((2, rows + 2, width), np.float32)
-        for top in range(0, height, rows):  # strips stay in the cache
-            first, last = max(top - 1, 0), min(top + rows + 1, height)
-            n, count = last - first, np.zeros((2, last - first, width), np.uint8)
-            planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
-            for i, (raw, below, light, s) in enumerate(planes):
-                cv2.subtract(raw[first:last], below[first:last], dst=e[:n])
-                cv2.dilate(e[:n], square, dst=limit[:n])
-                np.multiply(limit[:n], np.float32(SAME_PEAK), out=limit[:n])
-                np.maximum(limit[:n], np.float32(EXCEEDS * s * light), out=limit[:n])
-                count[2 * i // len(self.raw)] += (e[:n] >= limit[:n]).view(np.uint8)
-            lit = (count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT)
-            out[top : top + rows] = lit[top - first : top - first + rows]
-        return out
+        count, square = np.zeros((2, *self.raw[0].shape), np.uint8), np.ones((3, 3), np.uint8)
+        planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
+        for i, (raw, below, light, s) in enumerate(planes):
+            e = raw - below
+            limit = np.maximum(cv2.dilate(e, square) * np.float32(SAME_PEAK), np.float32(EXCEEDS * s * light))
+            count[2 * i // len(self.raw)] += e >= limit
+        return np.asarray((count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT))
 
     def saturated(self) -> Mask:
         """Pixels beside any that is saturated in some band, where the bands are taken within `LASTS`. They are not
@@ -313,10 +313,12 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
         return np.concatenate([b[:, m] for b, m in zip(bins, sample.inside, strict=True)], axis=1)
 
     stage = histograms(stage, q := pixels(), t)
+    if (lasts := lasting_share(q, stage)) > LASTING:
+        return Targets(reason=f"{lasts:.0%} of the sparkle lasts in all bands: nothing distinguishes targets from it")
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
     for plane in bins:  # later bands moved aside: what is steady then is so by chance
         plane[later:] = np.roll(plane[later:], DISPLACEMENTS, (1, 2))
-    lasting = max(extrapolated(steady(q, stage)), steady(pixels(), stage)[-1])
+    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(pixels(), stage)[-1].mean())
     rate = RATE if number is None else number
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
@@ -369,11 +371,17 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     return replace(stage, tables=tables, first=tuple(np.log(single).tolist()), following=tuple(following.values()))
 
 
-def steady(q: Places, stage: Targets) -> Float64:
-    """Share of the pixels that are lit and keep their histogram bin for 1, 2, ... steps after the first band."""
-    lit = int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (stage.top - LOW))
-    like = [(np.abs(b - a) <= 1) & (b > lit) for a, b in pairwise(q)]
-    return np.logical_and.accumulate(like).mean(axis=1)
+def lasting_share(q: Places, stage: Targets) -> float:
+    """Share of the pixels that are lit in the first band, though less than half of them, and steady in all bands."""
+    lit = q[0] > stage.lit
+    faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
+    return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
+
+
+def steady(q: Places, stage: Targets) -> Mask:
+    """Pixels that are lit and keep their histogram bin for 1, 2, ... steps after the first band: (step, pixel)."""
+    like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
+    return np.logical_and.accumulate(like)
 
 
 def extrapolated(runs: Float64) -> float:
