@@ -11,7 +11,7 @@ from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
-from deglint.choose.score import SCALES, expected_errors, least_glint, powers
+from deglint.choose.score import SCALES, expected_errors, least_glint, least_signal, powers
 from deglint.choose.trial import NOT_JUDGED, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
@@ -85,6 +85,24 @@ def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene,
     found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), clear)]
     error = expected_errors(found[0][None], found[1][None], np.ones((1, len(SCALES))), np.ones(1))
     assert error == pytest.approx(left * np.sqrt((glint**2).mean()), rel=0.25, abs=0.04)
+
+
+def test_what_the_nir_does_not_show_is_signal_of_the_scene():
+    rng = np.random.default_rng(2)
+    glint, bottom = (cv2.GaussianBlur(rng.standard_normal((128, 128)), (0, 0), 3) for _ in range(2))
+    spectrum, noise = np.array([1.5, 1.3, 1.1, 1.0], np.float32), np.full(4, 0.001, np.float32)
+    unit = np.array([1, 1, 1, np.inf], np.float32)
+    sea = (glint * spectrum[:, None, None] + noise[0] * rng.standard_normal((4, 128, 128))).astype(np.float32)
+    shallow = sea + np.multiply.outer([10, 5, 0, 0], bottom).astype(np.float32)
+
+    def least(image):
+        return least_signal([image], [INSIDE], unit, noise, 3, spectrum)
+
+    own = powers([np.multiply.outer([10, 5, 0, 0], bottom).astype(np.float32)], [INSIDE], unit)
+    assert (least(sea) < 1e-5).all()
+    assert least(shallow) == pytest.approx(own, rel=0.3)
+    penalised = expected_errors(own[None], own[None], np.full((1, 4), 0.5), np.ones(1), least(shallow))
+    assert penalised > expected_errors(own[None], own[None], np.ones((1, 4)), np.ones(1), least(shallow))
 
 
 def test_windows_fit_the_smallest_object_and_the_clumps():

@@ -11,9 +11,10 @@ is left of glint and noise. The error, against the scene without glint and noise
 
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
 twice: over all pixels, and over the pixels with the least glint. The first includes the glint that all recipes leave;
-the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both. A recipe that
-erases signals has a small P but also a small g, so erasing is not rewarded. As the tiles are few, S has a lower limit,
-and objects are counted as if they had a typical contrast and covered a hundredth of the scene.
+the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both, and at least the
+texture that glint cannot explain because the NIR shows less of it (`least_signal`). A recipe that erases signals has a
+small P but also a small g, so erasing is not rewarded. As the tiles are few, S has a lower limit, and objects are
+counted as if they had a typical contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show.
@@ -37,6 +38,9 @@ ZERO_GAIN = 0.05
 """Gains below this are set to 0: the uncertainty of a gain estimated from a few tiles."""
 HALF = 0.5
 """The same limit for the gain of plumes, of which there is only one in a tile."""
+GLINT_OF_NIR = 2.0
+"""Largest texture of glint in a band relative to that in the NIR and to the sun's spectrum: 0.6 to 1.3 in simulated
+seas, up to 1.9 at the finest scale, where bands differ in blur. Shallow bottoms have up to 80."""
 LEAST_GLINT_PERCENT = 10.0
 """Share of the pixels that count as having the least glint [%]: small, so that glint is weak; large enough (ten
 thousand pixels in eight tiles) that the power of their texture is known to a few percent."""
@@ -68,6 +72,28 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
     return np.asarray(total / np.maximum(pixels, 1))
 
 
+def least_signal(
+    images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, noises: Float32, nir: int, spectrum: Float32
+) -> Float64:
+    """Least power of the scene's own signal at each scale: the texture beyond noise that glint cannot explain.
+
+    images : (band, row, column) of each tile, without compensation
+    noises : (band,) standard deviation of the noise
+    spectrum : (band,) of glint, relative to the NIR band
+    """
+
+    def of_band(band: int) -> Float64:
+        return powers(images, inside, np.where(np.arange(len(unit)) == band, np.float32(1), np.float32(np.inf)))
+
+    judged, reference = np.flatnonzero(np.isfinite(unit)), of_band(nir)
+    total = np.zeros(len(SCALES))
+    for b in judged:
+        found = of_band(b) - (GLINT_OF_NIR * spectrum[b]) ** 2 * reference
+        found[0] -= noises[b] ** 2
+        total += np.maximum(found, 0) / unit[b] ** 2
+    return np.asarray(total / max(len(judged), 1))
+
+
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
     """Pixels with the least glint around them: (band, scale, row, column), without the coarsest scale."""
     import cv2
@@ -92,7 +118,9 @@ def _shares(mask: Mask) -> list[Float32]:
     return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
 
 
-def expected_errors(power: Float64, clear: Float64, gain: Float64, objects: Float64) -> Float64:
+def expected_errors(
+    power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0
+) -> Float64:
     """Expected error of each recipe, relative to the water.
 
     Parameters
@@ -102,10 +130,12 @@ def expected_errors(power: Float64, clear: Float64, gain: Float64, objects: Floa
         coarsest scale).
     objects : (recipe,) ndarray
         Gain of discs.
+    least : (scale,) ndarray
+        `least_signal`.
     """
     kept = np.clip(gain, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
     bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))
-    signal = np.sqrt(bound * np.minimum(bound, clear_bound))
+    signal = np.maximum(np.sqrt(bound * np.minimum(bound, clear_bound)), least)
     error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))

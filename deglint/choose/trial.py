@@ -18,7 +18,7 @@ from ..remove.noise import noise, spread
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import expected_errors, least_glint, powers
+from .score import expected_errors, least_glint, least_signal, powers
 
 WATER_PERCENTILE = 10.0
 """Percentile of a band over the sample that estimates the water without glint, the unit of contrasts [%]."""
@@ -174,7 +174,7 @@ def choose(
     if "wiener" in failed:  # nothing tests the slopes of a method of one pixel
         failed["hedley"] = "the bands share no glint"
     runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
-    trials = _judged(runs, sample, added, unit)
+    trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
     return Choice(_best(trials).candidate, tuple(trials), failed, disc)
@@ -187,7 +187,9 @@ def _best(trials: Sequence[Trial]) -> Trial:
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
 
 
-def _judged(runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32) -> list[Trial]:
+def _judged(
+    runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32, setting: Setting
+) -> list[Trial]:
     """The trials with their expected errors; infinite where these cannot be computed."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
@@ -200,8 +202,19 @@ def _judged(runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implant
         np.array([powers(r.images, inside, unit, clear) for r in runs.values()]),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
+        _own_signal(sample, inside, unit, setting),
     )
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
+
+
+def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
+    """Least power of the scene's own signal at each scale; 0 if wavelengths are not known."""
+    if (setting.colour == 1).all():
+        return 0.0
+    images, nir = [s.image for s in sample.states], setting.nir[0]
+    spectrum = np.maximum(setting.colour / setting.colour[nir], 1)  # of radiance or of reflectance, whichever is more
+    noises = np.array([noise([i[b] for i in images], inside) for b in range(len(unit))], np.float32)
+    return least_signal(images, inside, unit, noises, nir, spectrum)
 
 
 @dataclass(frozen=True, eq=False)
