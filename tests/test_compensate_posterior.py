@@ -30,8 +30,8 @@ def state_and_water(shape=(160, 192), seed=0, plume=0.0, target=0.0):
     return State(image + removed, image, np.ones(shape, bool), removed=removed), water
 
 
-def fitted(state):
-    return posterior.fit(Sample((state,), (state.water,)), SETTING)
+def fitted(state, setting=SETTING):
+    return posterior.fit(Sample((state,), (state.water,)), setting)
 
 
 def error(image, water):
@@ -55,6 +55,29 @@ def test_nothing_is_done_where_glint_leaves_nothing():
     found = fitted(noisy)
     assert not found.resolved
     np.testing.assert_array_equal(found.apply(noisy).image, noisy.image)
+
+
+@pytest.mark.parametrize(("pixel", "changed"), [(1.2, True), (10.0, False), (np.inf, False)])
+def test_a_weak_growth_with_glint_may_be_texture_where_pixels_average_waves(pixel, changed):
+    state, _ = state_and_water()
+    rng = np.random.default_rng(5)
+    growing = 1 + 0.005 * state.removed[:1]  # twice the noise under strong glint
+    image = (100 + 3 * growing * rng.normal(size=state.image.shape)).astype(np.float32)
+    found = fitted(replace(state, image=image), replace(SETTING, pixel=pixel))
+    assert all(p.ratio < 3 for p in found.left)
+    assert found.resolved == changed
+
+
+def test_water_under_glint_does_not_become_negative():
+    state, _ = state_and_water()
+    low = replace(state, image=state.image - np.float32([90, 50, 0])[:, None, None])
+    out = fitted(low).apply(low)
+    under = (state.removed > 0) & (low.image <= 0)
+    assert under[:2].mean() > 0.01
+    assert (out.image[under] > 0).mean() > 0.99
+    calm = state.removed == 0
+    np.testing.assert_array_equal(out.image[calm], low.image[calm])
+    assert (out.variance > 0)[:2].all()
 
 
 def test_the_unit_does_not_matter():

@@ -85,7 +85,7 @@ def least_signal(
     def of_band(band: int) -> Float64:
         return powers(images, inside, np.where(np.arange(len(unit)) == band, np.float32(1), np.float32(np.inf)))
 
-    judged, reference = np.flatnonzero(np.isfinite(unit)), of_band(nir)
+    judged, reference = np.flatnonzero(np.isfinite(unit)).tolist(), of_band(nir)
     total = np.zeros(len(SCALES))
     for b in judged:
         found = of_band(b) - (GLINT_OF_NIR * spectrum[b]) ** 2 * reference

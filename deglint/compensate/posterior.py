@@ -42,10 +42,10 @@ CLUMP_REACH = 0.9
 to 1.6."""
 NARROWEST_CLUMP = 3
 """Lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain."""
-RESOLVED, STRONG_QUANTILE = 3.0, 0.993
-"""Pixels above this quantile have strong glint. The image is changed only if they vary by this factor more than water
-with little glint, in the mean over bands. The factor is 1.1 to 2.7 at pixels of 10 m, from texture that grows with the
-waves, and 6 to 50 at 0.25 m."""
+WAVES_RESOLVED, RESOLVED, STRONG_QUANTILE = 5.0, 3.0, 0.993
+"""Pixels above this quantile have strong glint. At pixels of 5 m and more, an image is changed only if they vary by a
+factor of 3 more than water with little glint, in the mean over bands: the factor is 1.1 to 2.7 at 10 m, from texture
+that grows with the waves. Smaller pixels hold parts of a wave, and glint of few facets, which varies within waves."""
 WIDEST_CLUMP = 32
 """Largest lag of the autocorrelation of glint [pixel]."""
 TABLE_ENTRIES = 2048
@@ -114,8 +114,7 @@ def _taken(state: State) -> Float32:
 class Posterior:
     """The stage `posterior`.
 
-    It is `resolved` if left-over glint clearly exceeds the variation of water with little glint; else only
-    `State.variance` is set.
+    It is `resolved` if what glint leaves cannot be texture of the water; else only `State.variance` is set.
     """
 
     name: ClassVar[str] = "posterior"
@@ -171,7 +170,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     Returns
     -------
     mean : (row, column) float32 ndarray
-        `x` to the bit where `v` is 0.
+        `x` to the bit where `v` is 0; elsewhere that of the water around, if it would be negative.
     variance : (row, column) float32 ndarray
         Variance of the error, noise included.
     """
@@ -190,6 +189,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     known = s2 / sums
     water = np.maximum(water - known, 0) + LEAST_VARIANCE * s2
     share = v / (total + water)
+    share[(v > 0) & (x - (x - around) * share <= 0)] = 1  # water is not negative
     error = (1 - share) ** 2 * total + share**2 * (water + known / np.float32(side * side))
     return np.asarray(x - (x - around) * share, np.float32), np.asarray(error, np.float32)
 
@@ -203,7 +203,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
     left = tuple(left_over(b, sample) for b in corrected)
     ratios: Sequence[float] = [p.ratio for p in left] or [0.0]
     width = int(number) if number else clump_width(sample, setting.nir[0])
-    return Posterior(width, left, tuple(full_scale(sample, setting).tolist()), float(np.mean(ratios)) > RESOLVED)
+    resolved = setting.pixel < WAVES_RESOLVED or float(np.mean(ratios)) > RESOLVED
+    return Posterior(width, left, tuple(full_scale(sample, setting).tolist()), resolved)
 
 
 def clump_width(sample: Sample, band: int) -> int:

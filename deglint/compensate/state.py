@@ -82,6 +82,7 @@ class Setting:
     bands: tuple[Band, ...]  # of the scene
     nir: tuple[int, ...]  # 0-based bands that show glint but no signal of the water
     psfs: tuple[PSF, ...] | None = None  # of the bands, where the optics are known
+    pixel: float = np.inf  # side of a pixel on the ground [m], infinite where not known
 
     @cached_property
     def wavelengths(self) -> Float64:

@@ -199,7 +199,7 @@ def setting(job: Job) -> Setting:
         known = {} if optics is None else {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
         psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
-    return Setting(job.scene.bands, nir, psfs)
+    return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or np.inf)
 
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
