@@ -20,7 +20,6 @@ import numpy as np
 from ..errors import InputError, ReadError
 from .convert import FlatField, same_nodata
 from .environment import check_size
-from .files import check_after, check_before
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -118,7 +117,6 @@ def open_dataset(path: str) -> Any:
     """Open a raster for reading with rasterio; errors become one-line errors."""
     import rasterio
 
-    check_before(path)
     try:
         with quiet():
             dataset = rasterio.open(path, sharing=False)
@@ -126,7 +124,6 @@ def open_dataset(path: str) -> Any:
         raise ReadError(_why_not_opened(path, error)) from error
     try:
         check_size(dataset, path)
-        check_after(dataset, path)
     except BaseException:
         dataset.close()
         raise

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ..errors import InputError, WriteError
-from .files import COMPANIONS, files_behind, identity, is_utf8, real
+from .files import COMPANIONS, files_behind, identity
 
 OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
@@ -74,13 +74,11 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
     """Check that one output can be written; inputs are not considered, see `check_targets`."""
     if str(path) == "-":
         raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
-    if not is_utf8(path) or not is_utf8(real(path)):
-        raise WriteError(f"the name {os.fsencode(real(path))!r} is not UTF-8, and GDAL writes no other. Name another.")
     if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
         raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
-    directory = real(path).parent
+    directory = path.resolve().parent
     if not directory.is_dir():
         raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
     if not os.access(directory, os.W_OK | os.X_OK):

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError
-from ..raster.files import check_kind
 
 MOST_TEXT_BYTES = 64 << 20
 """Largest file that is read [byte]."""
@@ -19,7 +18,6 @@ MOST_TOML_BYTES = 1 << 20
 def read_text(path: str, option: str, most: int | None = None) -> str:
     """Text of a file given by an option, of at most `most` bytes (`MOST_TEXT_BYTES` by default)."""
     most = MOST_TEXT_BYTES if most is None else most
-    check_kind(path)
     try:
         with Path(path).open("rb") as file:
             data = file.read(most + 1)
