@@ -31,31 +31,20 @@ def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
 
-def to_physical(
-    raw: Raw,
-    valid: Valid | None,
-    scales: Sequence[float],
-    offsets: Sequence[float],
-    *,
-    nodatas: Sequence[float | None] | None = None,
-) -> FloatArray:
+def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
     """value = raw * scale + offset; NaN where not valid, not finite, or at the limit of float32 or float64.
 
-    Arrays are (band, row, column); `valid` is None if everything is valid. `nodatas` are the nodata values of the
-    bands, if not yet considered in `valid`. The result has `physical_dtype`.
+    Arrays are (band, row, column); `valid` is None if everything is valid. The result has `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):
         numbers, values = raw[band, rows], out[band, rows]
-        nodata = None if nodatas is None else _as_stored(nodatas[band], raw.dtype)
         values[...] = numbers
         with np.errstate(all="ignore"):
             if scales[band] != 1:
                 values *= out.dtype.type(scales[band])
             if offsets[band] != 0:
                 values += out.dtype.type(offsets[band])
-        if nodata is not None:
-            values[numbers == nodata] = np.nan
         if raw.dtype.kind == "f":
             values[_is_endless(numbers) | np.isinf(values)] = np.nan
         if valid is not None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import re
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -170,11 +170,9 @@ class RasterWriter:
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     """Turn GDAL's warnings on creation options, unknown or not applicable, into errors."""
     said: list[str] = []
-    mine = threading.get_ident()
 
     def listen(record: logging.LogRecord) -> bool:
-        if record.thread == mine and record.levelno >= logging.WARNING:
-            said.append(record.getMessage())
+        said.append(record.getMessage())
         return True
 
     log = logging.getLogger("rasterio._env")
@@ -256,8 +254,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
             copy(path, ordered, driver="GTiff", copy_src_overviews=True, **options)
         ordered.replace(path)
     finally:
-        with contextlib.suppress(OSError):
-            ordered.unlink(missing_ok=True)
+        ordered.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -292,16 +289,12 @@ def plain(value: Any) -> Any:
     """The value as numbers, text, lists and dicts for JSON; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     return value if isinstance(value, (int, str, type(None))) else str(value)
 
 
@@ -384,7 +377,7 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
         need = need * (4 if packed else 8) // 3
     free = free_bytes(directory)
     if free is not None and need > free:
-        less = "leave out its overviews: --co OVERVIEWS=NONE" if packed else "compress the output: --co COMPRESS=ZSTD"
         raise WriteError(
-            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, or {less}"
+            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, compress "
+            "it (--co COMPRESS=ZSTD), or leave out its overviews (--co OVERVIEWS=NONE)."
         )

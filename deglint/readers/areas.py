@@ -28,9 +28,6 @@ from .text import read_json
 log = logging.getLogger(__name__)
 Mask = npt.NDArray[np.bool_]
 LONGITUDE_LATITUDE = "OGC:CRS84"
-_CRS_NAME = re.compile(
-    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
-)
 _POLYGON_CELL = 512
 """Side of the squares in which polygons are rasterised [pixel]."""
 OPTION_WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
@@ -123,7 +120,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     longitude and latitude but lie in the scene are assumed to be in the scene's CRS, as are all if the scene has no
     CRS.
     """
-    from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
@@ -139,10 +135,8 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
         except gdal_errors(ValueError, IndexError) as error:
             raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
-    boxes = [bounds_of(s) for s in shapes]
-    corners = np.array([(x, y) for left, bottom, right, top in boxes for x in (left, right) for y in (bottom, top)])
     with np.errstate(all="ignore"):
-        columns, rows = at(~transform, corners[:, 0], corners[:, 1])
+        columns, rows = at(~transform, *_corners(shapes).T)
     if not (np.abs([columns, rows]) < _FAR).all():
         raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
     window = (
@@ -154,7 +148,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
 
 def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
     """Note if coordinates without a CRS are assumed to be the scene's; "" if they are longitude and latitude."""
-    points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
+    points = _corners(shapes)
     if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
         return ""
     (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
@@ -168,6 +162,11 @@ def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> st
         f"{right:.6g}, y {bottom:.6g} to {top:.6g}, and not in the scene either. Save it in EPSG:4326 (ogr2ogr -t_srs "
         f"EPSG:4326 NEW.geojson {name}), or with its CRS."
     )
+
+
+def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
+    """x and y of every corner, (corner, 2)."""
+    return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
@@ -221,18 +220,13 @@ def _polygons(document: Any) -> Iterator[Any]:
 
 def _checked(coordinates: Any, name: str) -> dict[str, Any]:
     """A checked polygon: closed rings of (x, y), each of at least three different points."""
-    rings = []
-    for ring in coordinates if isinstance(coordinates, list) else [[]]:
-        try:
-            points = [(float(p[0]), float(p[1])) for p in ring]
-        except (TypeError, ValueError, IndexError, KeyError, OverflowError):
-            points = [(np.nan, np.nan)]
-        if not np.isfinite(points).all():
-            raise InputError(f"{name} is not valid GeoJSON: a polygon has a corner that is not two numbers.")
-        if len(set(points)) < 3:
-            raise InputError(f"{name} is not valid GeoJSON: a polygon has fewer than three corners.")
-        rings.append(points if points[0] == points[-1] else [*points, points[0]])
-    return {"type": "Polygon", "coordinates": rings}
+    try:
+        rings = [[(float(x), float(y)) for x, y, *_ in ring] for ring in coordinates]
+    except (TypeError, ValueError, OverflowError):
+        rings = []
+    if not rings or not all(len(set(ring)) > 2 and np.isfinite(ring).all() for ring in rings):
+        raise InputError(f"{name} is not valid GeoJSON: a polygon has at least three corners, each of two numbers.")
+    return {"type": "Polygon", "coordinates": [r if r[0] == r[-1] else [*r, r[0]] for r in rings]}
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
@@ -240,18 +234,11 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    text = LONGITUDE_LATITUDE
-    member = document.get("crs")
-    if isinstance(member, Mapping) and isinstance(member.get("properties"), Mapping):
-        text = str(member["properties"].get("name", LONGITUDE_LATITUDE))
-    named = _CRS_NAME.fullmatch(text.strip())
+    named = document.get("crs")
     try:
-        if named:  # nothing else goes to GDAL, which would take it for a file or an address
-            return CRS.from_user_input(f"{named[1]}:{named[2]}")
-        error = None
-    except CRSError as refused:
-        error = refused
-    raise InputError(f"{name} names a CRS that is not known: {text[:80]!r}. Save it in EPSG:4326.") from error
+        return CRS.from_user_input(named["properties"]["name"] if named else LONGITUDE_LATITUDE)
+    except (CRSError, KeyError, TypeError) as error:
+        raise InputError(f"{name} names a CRS that is not known. Save it in EPSG:4326.") from error
 
 
 def _inside(area: Area, scene: Scene, name: str, remedy: str) -> Area:

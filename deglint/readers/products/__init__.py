@@ -62,10 +62,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
     try:
         info, notes = drone.with_xmp(describe(path))
     except ReadError as error:
-        local = _local(path)
-        if local is not None and _is_file(local) and re.search(r"\.(?:t?gz|bz2|7z|rar)$", local, re.IGNORECASE):
-            raise ReadError(f"{path} is compressed: unpack it. A .zip or .tar is opened as it is.") from error
-        if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
+        if not _may_be_product(_local(path)):
             raise
         known = ", ".join(f.title for f in PRODUCTS.values())
         raise ReadError(
@@ -126,11 +123,8 @@ def find(path: str) -> Product | None:
 
 def name_of(path: str) -> str | None:
     """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
-    local = _local(path)
-    if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
-        return None
     try:
-        product = find(path)
+        product = find(path) if _may_be_product(_local(path)) else None
     except DeglintError:  # said where it is opened
         return None
     return product.name if product else None
@@ -141,7 +135,7 @@ def files_of(path: str) -> tuple[str, ...]:
     try:
         product = find(path)
     except DeglintError:
-        return (path,)
+        product = None
     if product is None:
         return (path,)
     footprints = (band.footprint for band in product.bands if band.footprint)
@@ -159,7 +153,10 @@ def _local(path: str) -> str | None:
     return path
 
 
-def _is_metadata(path: str) -> bool:
+def _may_be_product(path: str | None) -> bool:
+    """Whether a local path is a folder, an archive or a metadata file."""
+    if path is None or _is_dir(path) or is_archive(path):
+        return path is not None
     return any(re.fullmatch(f.metadata, Path(path).name, re.IGNORECASE) for f in PRODUCTS.values())
 
 
@@ -184,9 +181,6 @@ def _root_of(family: Family, place: Path, folder: Container | None) -> Path | No
     else:
         part = re.fullmatch(family.images, place.name, re.IGNORECASE) is not None
     for above in list(place.parents)[: family.above + 1] if part else ():
-        try:
-            if any(map(wanted.fullmatch, os.listdir(above))):  # noqa: PTH208  (faster where a folder is large)
-                return above
-        except OSError:
-            return None
+        if any(map(wanted.fullmatch, os.listdir(above))):  # noqa: PTH208  (faster where a folder is large)
+            return above
     return None

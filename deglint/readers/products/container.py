@@ -1,8 +1,4 @@
-"""Container of a product: a folder, a zip or a tar, whose members are listed and whose small files are read.
-
-Limits protect against malicious files: number of members, their depth, and size of texts. File names in metadata are
-used only if they are members of the container.
-"""
+"""Container of a product: a folder, a zip or a tar, whose members are listed and whose small files are read."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import os
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -20,13 +16,9 @@ from ...errors import InputError, ReadError
 from .metadata import MetadataError, tree_of
 
 MOST_MEMBERS = 20_000
-"""Most members of a folder or archive that are listed."""
-DEEPEST = 6
-"""Levels of folders that are listed: a SAFE product has four."""
-MOST_METADATA_BYTES = 32 << 20
-"""Largest metadata file that is read [byte]; those of Sentinel-2 have up to 1 MB."""
-_DAMAGED = (OSError, zipfile.BadZipFile, tarfile.TarError)
-_ZIP, _TAR = re.compile(r"\.zip$", re.IGNORECASE), re.compile(r"\.tar$", re.IGNORECASE)
+"""Most members of a folder that are listed: a folder that is no product may be large."""
+_DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
+_ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -42,8 +34,7 @@ class Container:
     @property
     def name(self) -> str:
         """Name of the folder or archive, without .zip or .tar."""
-        last = Path(self.path).absolute().name
-        return _TAR.sub("", _ZIP.sub("", last))
+        return _ARCHIVE.sub("", Path(self.path).absolute().name)
 
     def gdal(self, member: str) -> str:
         """GDAL name of a member."""
@@ -71,17 +62,19 @@ class Container:
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """Content of a small member, at most `MOST_METADATA_BYTES`."""
-        try:
-            data = self._bytes(member)
-        except (*_DAMAGED, RuntimeError, KeyError, EOFError) as error:
-            raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
+        """Content of a small member."""
         self.was_read.append(member)
-        if len(data) > MOST_METADATA_BYTES:
-            raise InputError(
-                f"{member} in {self.path} is larger than {MOST_METADATA_BYTES >> 20} MB, too large for metadata."
-            )
-        return data
+        try:
+            if self.kind == "zip":
+                with zipfile.ZipFile(self.path) as archive:
+                    return archive.read(member)
+            if self.kind == "tar":
+                with tarfile.open(self.path, "r:") as tar:
+                    held = tar.extractfile(member)
+                    return held.read() if held else b""
+            return (Path(self.path) / member).read_bytes()
+        except _DAMAGED as error:
+            raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
     def tree(self, member: str | None, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
         """The metadata in a member; None where there is none, or where they are damaged or lack the element `needs`.
@@ -106,17 +99,6 @@ class Container:
         notes: list[str] = []
         return self.tree(members[0], notes, f": {remedy}", needs=needs), notes
 
-    def _bytes(self, member: str) -> bytes:
-        if self.kind == "zip":
-            with zipfile.ZipFile(self.path) as archive, archive.open(member) as file:
-                return file.read(MOST_METADATA_BYTES + 1)
-        if self.kind == "tar":
-            with tarfile.open(self.path, "r:") as tar:
-                held = tar.extractfile(member)
-                return held.read(MOST_METADATA_BYTES + 1) if held else b""
-        with (Path(self.path) / member).open("rb") as file:
-            return file.read(MOST_METADATA_BYTES + 1)
-
 
 def last(member: str) -> str:
     """File name of a member."""
@@ -125,37 +107,26 @@ def last(member: str) -> str:
 
 def is_archive(path: str) -> bool:
     """Whether a name has the ending of a supported archive."""
-    return bool(_ZIP.search(path) or _TAR.search(path))
+    return bool(_ARCHIVE.search(path))
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
     """List a folder; links to folders are not followed."""
-    return Container(str(path), "folder", tuple(sorted(islice(_walk(path), MOST_MEMBERS))), named)
+    files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
+    members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
+    return Container(str(path), "folder", tuple(sorted(members)), named)
 
 
 def open_archive(path: str) -> Container:
     """List a zip or tar."""
-    kind = "zip" if _ZIP.search(path) else "tar"
+    kind = path[-3:].lower()
     try:
         if kind == "zip":
             with zipfile.ZipFile(path) as archive:
-                names = archive.namelist()
+                names = [name for name in archive.namelist() if not name.endswith("/")]
         else:
             with tarfile.open(path, "r:") as tar:
-                names = [member.name for member in islice(tar, MOST_MEMBERS) if member.isfile()]
-    except (*_DAMAGED, ValueError) as error:
+                names = [member.name for member in tar if member.isfile()]
+    except _DAMAGED as error:
         raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
-    kept = [n for n in names[:MOST_MEMBERS] if not n.endswith("/") and _stays_inside(n)]
-    return Container(path, kind, tuple(sorted(kept)))
-
-
-def _stays_inside(name: str) -> bool:
-    parts = PurePosixPath(name).parts
-    return not (name.startswith("/") or ".." in parts or "\\" in name or len(parts) > DEEPEST + 1)
-
-
-def _walk(root: Path) -> Iterator[str]:
-    for folder, inner, files in os.walk(root):
-        below = Path(folder).relative_to(root)
-        inner[:] = sorted(d for d in inner if not d.startswith(".")) if len(below.parts) < DEEPEST else []
-        yield from ((below / f).as_posix() for f in files if not f.startswith("."))
+    return Container(path, kind, tuple(sorted(names)))

@@ -41,8 +41,6 @@ Facts = Mapping[str, Sequence[str]]
 Calibration = tuple[float, str | None, FlatField]
 """Scale and unit, and the black level with what lens and shutter do."""
 _BLACK_LEVEL = 50714  # the tag of DNG, which GDAL does not tell of
-_PLAUSIBLE = (0.1, 10.0)
-"""Range of correction factors: lenses lose less than nine tenths of the light in the corners."""
 
 
 def find(container: Container) -> Product | None:
@@ -175,15 +173,11 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
         return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
     scale, unit, flat = found
     words = [word for word, there in (("vignette", flat.polynomial), ("row gradient", flat.row_gradient)) if there]
-    plausible = _plausible(flat, info)
-    corrected = ", ".join(["exposure, gain and black level", *(words if plausible else ())])
-    notes = [f"{corrected} are corrected as the XMP says"]
-    if words and plausible:
-        notes[0] += "; the numbers become floating point"
-    elif words:
-        notes.append(f"{info.paths[0]}: the vignette or row gradient in its XMP is not plausible: neither is corrected")
+    note = f"{', '.join(['exposure, gain and black level', *words])} are corrected as the XMP says"
+    if words:
+        note += "; the numbers become floating point"
     offset = 0.0 - flat.black * scale  # not -0.0
-    return {"scale": scale, "offset": offset, "unit": unit, "flat": flat if words and plausible else None}, notes
+    return {"scale": scale, "offset": offset, "unit": unit, "flat": flat if words else None}, [note]
 
 
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
@@ -221,15 +215,6 @@ def _dji(facts: Facts) -> Calibration | None:
     if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has done it
         flat = FlatField(black, (centre[0] or 0.0, centre[1] or 0.0), tuple(vignette), corrects=True)
     return factor / (65536 * gain * micro * 1e-6), None, flat
-
-
-def _plausible(flat: FlatField, info: RasterInfo) -> bool:
-    """Whether the correction factors along the edges and the central row and column are plausible."""
-    rows, columns = info.height, info.width
-    lines = [((r, r + 1), (0, columns)) for r in (0, rows // 2, rows - 1)]
-    lines += [((0, rows), (c, c + 1)) for c in (0, columns // 2, columns - 1)]
-    low, high = _PLAUSIBLE
-    return all(bool(((f := flat.factor(line)) > low).all() and (f < high).all()) for line in lines)
 
 
 def _black_level(path: str) -> float | None:
