@@ -113,32 +113,27 @@ class RasterWriter:
         profile = _profile(layout)
         self._options = {k: v for k, v in profile.items() if k.lower() not in _OF_CONTENT}
         _check_space(path.parent, target, layout, profile)
-        self._dataset: Any = None
-        try:
-            with _refusals(target, layout.options), write_errors(target):
-                with quiet():
-                    self._dataset = rasterio.open(path, "w", **profile)
-                    if layout.overviews:  # the options are possible; they count when the blocks are put in order
-                        self._dataset.close()
-                        plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
-                        self._dataset = rasterio.open(path, "w", **plain)
-                _describe(self._dataset, layout)
-                if layout.masked:
-                    # the mask's header goes before the data, too
-                    self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
-        except BaseException:
-            self.abort()
-            raise
+        with _refusals(target, layout.options), write_errors(target):
+            with quiet():
+                self._dataset = rasterio.open(path, "w", **profile)
+                if layout.overviews:  # the options are possible; they count when the blocks are put in order
+                    self._dataset.close()
+                    plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
+                    self._dataset = rasterio.open(path, "w", **plain)
+            _describe(self._dataset, layout)
+            if layout.masked:
+                # the mask's header goes before the data, too
+                self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self.close()
-        finally:
-            self.abort()
+        if kind is None:
+            self.close()
+        else:
+            with contextlib.suppress(Exception):
+                self._dataset.close()
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
@@ -158,12 +153,6 @@ class RasterWriter:
             if self.layout.overviews:
                 add_overviews(self.path, self._options, average=not self.layout.holds_flags)
         _check_whole(self.path, self.target)
-
-    def abort(self) -> None:
-        """Close the file in whatever state it is."""
-        if self._dataset is not None:
-            with contextlib.suppress(Exception):
-                self._dataset.close()
 
 
 @contextlib.contextmanager

@@ -12,9 +12,9 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from typing import Any, Self
 
 import numpy as np
@@ -51,18 +51,6 @@ class FileBands:
             alpha=info.alpha,
             flat=info.flat,
         )
-
-
-class _Handle(ExitStack):
-    """The open datasets of a scene, one per file; used by one thread at a time."""
-
-    def __init__(self, files: Sequence[FileBands]) -> None:
-        super().__init__()
-        try:
-            self.datasets = [_open(file, self) for file in files]
-        except BaseException:
-            self.close()
-            raise
 
 
 class Budget:
@@ -103,7 +91,7 @@ class RasterSource:
     def _start(self) -> None:
         self.budget: Budget | None = None
         self._lock = threading.Lock()
-        self._idle: list[_Handle] = []
+        self._idle: list[list[Any]] = []
         self._closed = False
         self.settled = False  # whether the pixels were asked what the file does not declare
 
@@ -134,8 +122,8 @@ class RasterSource:
         """Close all handles; later reads raise an error."""
         with self._lock:
             idle, self._idle, self._closed = self._idle, [], True
-        for handle in idle:
-            handle.close()
+        for dataset in chain.from_iterable(idle):
+            dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
         """Physical values of a window.
@@ -187,9 +175,12 @@ class RasterSource:
 
         if self.budget is not None:
             self.budget.spend((bottom - top) * (right - left))
-        place = f"rows {top}-{bottom}, columns {left}-{right}"
-        with env_ctx_if_needed(), self._handle(place) as handle:
-            return self._stacked(handle.datasets, window, bands)
+        try:
+            with env_ctx_if_needed(), self._datasets() as datasets:
+                return self._stacked(datasets, window, bands)
+        except gdal_errors() as error:
+            where = f"rows {top}-{bottom}, columns {left}-{right} of {', '.join(self.info.paths)}"
+            raise ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}") from error
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         """File values, and their validity from masks, alpha and nodata (None: all valid)."""
@@ -223,28 +214,18 @@ class RasterSource:
         return raw, valid
 
     @contextmanager
-    def _handle(self, place: str) -> Iterator[_Handle]:
-        """A handle for this thread; returned to the pool unless the read fails."""
+    def _datasets(self) -> Iterator[list[Any]]:
+        """The open datasets of the files for this thread; returned to the pool."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
-            handle = self._idle.pop() if self._idle else None
+            found = self._idle.pop() if self._idle else []
         try:
-            handle = handle or _Handle(self.files)
-            yield handle
-        except BaseException as error:
-            if handle is not None:
-                handle.close()
-            where = f"{place} of {', '.join(self.info.paths)}"
-            if isinstance(error, gdal_errors()):
-                what = f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}"
-                raise ReadError(what) from error
-            raise
-        with self._lock:
-            if not self._closed:
-                self._idle.append(handle)
-                return
-        handle.close()
+            found = found or [_open(file) for file in self.files]
+            yield found
+        finally:
+            with self._lock:
+                self._idle.append(found)
 
 
 class ArraySource(RasterSource):
@@ -275,16 +256,13 @@ class ArraySource(RasterSource):
         return raw, is_valid(raw, [self.info.nodatas[b] for b in bands])
 
 
-def _open(file: FileBands, stack: ExitStack) -> Any:
+def _open(file: FileBands) -> Any:
     dataset = open_dataset(file.path)
-    stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
     if file.warp is None:
         return dataset
     from rasterio.vrt import WarpedVRT
 
-    warped = WarpedVRT(dataset, **file.warp)
-    stack.callback(warped.close)
-    return warped
+    return WarpedVRT(dataset, **file.warp)
 
 
 def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:

@@ -85,38 +85,36 @@ def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | No
     return sides[0] * sides[1] * abs(transform.determinant) / lengths
 
 
-def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
+def middle_of(path: str) -> tuple[float, float]:
     """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):
-        document = read_json(path, option)
-        found = [point for _kind, coordinates in geometries(document) for point in _points(coordinates)]
-        points = np.array(found, dtype=np.float64).reshape(-1, 2)
-        if not len(points) or not np.isfinite(points).all():
-            raise InputError(f"{path} ({option}) holds no point. Draw a point, a line or an area in it.")
+        document = read_json(path, "--place")
+        points = np.array([p for _kind, coordinates in geometries(document) for p in _points(coordinates)])
+        if not len(points):
+            raise InputError(f"{path} (--place) holds no point. Draw a point, a line or an area in it.")
         x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
         crs = crs_of(document, path)
     else:
         with open_dataset(path) as dataset:
             crs, corner = dataset.crs, dataset.transform * (0.5 * dataset.width, 0.5 * dataset.height)
         if crs is None:
-            raise InputError(f"{path} ({option}) has no CRS, so its place is not known. Give --lat and --lon.")
+            raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
         x, y = corner
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:
-        raise InputError(f"{path} ({option}) has a place that cannot be found: {one_line(error)}.") from error
+        raise InputError(f"{path} (--place) has a place that cannot be found: {one_line(error)}.") from error
     if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
-        raise InputError(f"{path} ({option}) lies nowhere on Earth in its CRS. Give --lat and --lon.")
+        raise InputError(f"{path} (--place) lies nowhere on Earth in its CRS. Give --lat and --lon.")
     return float(latitude), float(longitude)
 
 
 def _points(node: Any) -> Iterator[tuple[float, float]]:
     """The positions in the coordinates of a geometry, however deep they lie."""
-    if isinstance(node, list):
-        if len(node) >= 2 and all(isinstance(n, (int, float)) for n in node[:2]):
-            yield float(node[0]), float(node[1])
-        else:
-            for child in node:
-                yield from _points(child)
+    if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
+        yield float(node[0]), float(node[1])
+    elif isinstance(node, list):
+        for child in node:
+            yield from _points(child)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
 from .products.metadata import angle_tags, number, tags_of
-from .spectral import Spectral, nanometres, with_spectral
+from .products.product import ProductBand, filled
+from .spectral import nanometres
 from .text import read_json
 
 _REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
@@ -39,8 +40,8 @@ class Asset:
     """A file, and the properties of its bands in a STAC Item; empty for a file without Item."""
 
     path: str
-    bands: tuple[Mapping[str, Any], ...] = ()
-    tags: Mapping[str, str] | None = None
+    bands: tuple[ProductBand, ...] = ()
+    tags: Mapping[str, str] = field(default_factory=dict)
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
         """The file's description with the properties from the Item; scale, offset and nodata of the file take
@@ -48,18 +49,8 @@ class Asset:
         """
         if len(self.bands) != info.count:
             return info
-        plain = all(s == 1 for s in info.scales) and all(o == 0 for o in info.offsets)
-        stored = plain and all("float" not in d for d in info.dtypes)
-        bands = self.bands
-        return replace(
-            with_spectral(info, [Spectral(b.get("wavelength"), b.get("width")) for b in bands]),
-            descriptions=tuple(d or b.get("name") for d, b in zip(info.descriptions, bands, strict=True)),
-            tags={**info.tags, "": {**(self.tags or {}), **info.tags.get("", {})}},
-            scales=tuple(b.get("scale", 1.0) for b in bands) if stored else info.scales,
-            offsets=tuple(b.get("offset", 0.0) for b in bands) if stored else info.offsets,
-            nodatas=tuple(b.get("nodata") if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
-            units=tuple(u or b.get("unit") for u, b in zip(info.units, bands, strict=True)),
-        )
+        nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
+        return replace(filled(info, self.bands, self.tags, None), nodatas=nodatas)
 
 
 def assets_of(name: str) -> list[Asset]:
@@ -140,7 +131,13 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     tags |= tags_of(_angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     chosen = keys or _chosen(assets, what)
-    return [Asset(href(assets[k], path), _said(assets[k], k, applied=applied), tags) for k in chosen]
+    found = []
+    for key in chosen:
+        file = href(assets[key], path)
+        facts = [{k: v for k, v in said.items() if k != "common"} for said in _said(assets[key], key, applied=applied)]
+        bands = [ProductBand(file, number=i, **said) for i, said in enumerate(facts, start=1)]
+        found.append(Asset(file, tuple(bands), tags))
+    return found
 
 
 def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
