@@ -34,8 +34,8 @@ def test_nir_by_wavelength(at, index):
 
 
 @pytest.mark.parametrize(("at", "says"), [
-    ((443, 490, 560, 665, 705, 740), r"--nir 6"),
-    ((490, 1240, 1610, 2200), r"--nir 2"),
+    ((443, 490, 560, 665, 705, 740), r"--nir NUMBER"),
+    ((490, 1240, 1610, 2200), r"--nir NUMBER"),
     ((490, 660), r".*follows the near infrared.*rxdetect score.*deglint plan"),
 ])  # fmt: skip
 def test_red_edge_and_shortwave_are_no_nir(at, says):
@@ -99,7 +99,7 @@ def test_what_is_no_band_at_all_is_named_in_one_line(wanted):
 
 def test_a_misspelt_band_is_told_the_nearest():
     scene = scene_of(Band("blue"), Band("green"), Band("nir"))
-    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif\. Did you mean blue\? ") as caught:
+    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif; did you mean 'blue'\?") as caught:
         find_band(scene, "Bleu")
     assert "--nir" not in str(caught.value)
     assert find_band(scene_of(Band("SR_B2"), Band("SR_B3")), "B02") == 0

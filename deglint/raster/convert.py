@@ -68,10 +68,10 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
     """
     valid = None
     for band, nodata in enumerate(nodatas):
-        value = _as_stored(nodata, raw.dtype)
-        if value is None:
+        if nodata is None or nodata != nodata or not holds(raw.dtype, nodata):
             continue
-        found = raw[band] != value
+        with np.errstate(over="ignore"):
+            found = raw[band] != raw.dtype.type(nodata)
         if not found.all():
             valid = np.ones(raw.shape, np.bool_) if valid is None else valid
             valid[band] = found
@@ -93,14 +93,6 @@ def holds(dtype: npt.DTypeLike, number: float) -> bool:
         return True
     limits = np.iinfo(dtype)
     return bool(limits.min <= number <= limits.max) and float(number).is_integer()
-
-
-def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
-    """A nodata value in the type of a file; None if the type cannot hold it."""
-    if nodata is None or nodata != nodata or not holds(dtype, nodata):
-        return None
-    with np.errstate(all="ignore"):
-        return dtype.type(int(nodata) if dtype.kind in "iu" else nodata)
 
 
 def same_nodata(a: float | None, b: float | None) -> bool:

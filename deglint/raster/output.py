@@ -263,10 +263,8 @@ def write_text(scratch: Scratch, target: Path, text: str) -> None:
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
     """Write a small file."""
-    try:
+    with write_errors(target):
         scratch.add(target).write_bytes(data)
-    except OSError as error:
-        raise WriteError(f"cannot write {target}: {error.strerror or error}.") from error
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, WriteError
-from .output import Layer, Scratch, plain, write_bytes, write_json
+from ..errors import InputError
+from .output import Layer, plain, write_bytes, write_json
+from .scratch import Scratch, write_errors
 from .targets import Reads, check_targets
 
 Plan = Any
@@ -55,17 +56,13 @@ def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -
     """Write pictures or text (bytes), numbers (for JSON), and what a function writes into a path, or none of them."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
-            try:
-                if isinstance(data, Mapping):
-                    write_json(scratch, target, {**_SIGNED, **data})
-                elif callable(data):
+            if isinstance(data, Mapping):
+                write_json(scratch, target, {**_SIGNED, **data})
+            elif callable(data):
+                with write_errors(target):
                     data(scratch.add(target))
-                else:
-                    write_bytes(scratch, target, data)
-            except OSError as error:
-                if isinstance(error, WriteError):
-                    raise
-                raise WriteError(f"cannot write {target}: {error}") from error
+            else:
+                write_bytes(scratch, target, data)
 
 
 def _kind(target: Path) -> str:

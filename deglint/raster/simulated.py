@@ -14,7 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import WriteError
-from .output import Layer, Scratch, write_json
+from .output import Layer, write_json
+from .scratch import Scratch, write_errors
 from .targets import check_targets
 
 CRS = "EPSG:32610"
@@ -48,12 +49,10 @@ def write_scene(
     place: dict[str, Any] = {"crs": CRS, "transform": Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])}
     place |= {"tiled": True, "blockxsize": 256, "blockysize": 256, "interleave": "pixel", "num_threads": 2}
     with Scratch(overwrite=overwrite) as scratch:
-        try:
-            for part, layer in layers.items():
+        for part, layer in layers.items():
+            with write_errors(targets[part]):
                 layer.write(scratch.add(targets[part]), **place)
-            write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
-        except OSError as error:
-            raise WriteError(f"cannot write {base}: {error}") from error
+        write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
     return [*targets.values(), sidecar]
 
 

@@ -208,7 +208,6 @@ def match(
 
 
 def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
-    own = ", ".join(b.name for b in sensor.bands)
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
     elif not product:
@@ -216,12 +215,10 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
         why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
     else:
         why = "the wavelengths in the file are not those of the preset"
-    fits = len(bands) <= len(sensor.bands)
-    example = ",".join(b.name for b in sensor.bands[: len(bands)]) if fits else example_names(len(bands))
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
-        f"preset has {own}. Leave the sensor out, or name the {len(bands)} bands in the file's order, such as "
-        f'--bands "{example}".'
+        f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "
+        f'in the file\'s order, such as --bands "{example_names(len(bands))}".'
     )
 
 

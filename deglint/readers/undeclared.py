@@ -27,8 +27,6 @@ LOOKED_AT = 400_000
 """Pixels of a scene that are read; smaller scenes are read as a whole."""
 SAMPLED_SIDE = 128
 """Side of the tiles that are read [pixel]."""
-MOST_TILES = 1 << 18
-"""Most tiles that are considered."""
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
 """Share of the pixels above which one value in all bands, at the edge of the image, is nodata; and the same for values
 of 0 and below, which no sensor measures in all bands."""
@@ -98,20 +96,17 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """All of a small scene; of a larger one some tiles, including the corners and the centres of the edges."""
+    """All of a small scene; of a larger one a lattice of tiles, from corner to corner."""
+    side, size = SAMPLED_SIDE, (scene.height, scene.width)
     if scene.height * scene.width <= LOOKED_AT:
-        return tiling.tiles(scene.height, scene.width, (SAMPLED_SIDE, SAMPLED_SIDE))
-    pitch = SAMPLED_SIDE * max(1, math.isqrt(scene.height * scene.width // (SAMPLED_SIDE * SAMPLED_SIDE * MOST_TILES)))
-    coarse = tiling.tiles(scene.height, scene.width, (pitch, pitch))
-    spread = tiling.spread(coarse, LOOKED_AT * (pitch // SAMPLED_SIDE) ** 2)
+        return tiling.tiles(*size, (side, side))
+    wanted = LOOKED_AT / side**2
+    down = min(max(round(math.sqrt(wanted * scene.height / scene.width)), 3), -(-scene.height // side))
+    across = min(max(round(wanted / down), 3), -(-scene.width // side))
     rows, columns = (
-        sorted({0, max(n // 2 - SAMPLED_SIDE, 0), max(n - SAMPLED_SIDE, 0)}) for n in (scene.height, scene.width)
+        np.linspace(0, max(n - side, 0), count).astype(int) for n, count in zip(size, (down, across), strict=True)
     )
-    edge = [(r, c) for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])]
-    return [
-        Tile(r, min(r + SAMPLED_SIDE, scene.height), c, min(c + SAMPLED_SIDE, scene.width))
-        for r, c in [*edge, *((t.row0, t.col0) for t in spread)]
-    ]
+    return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
