@@ -45,7 +45,7 @@ def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes]
 
     makers: Mapping[str, Callable[[], Content]] = {
         ".png": picture,
-        ".json": lambda: _compact(dataset.document(plan)),
+        ".json": lambda: (json.dumps(plain(_SIGNED | dataset.document(plan)), allow_nan=False) + "\n").encode(),
         ".nc": lambda: partial(_netcdf, dataset.dataset(plan)),
         ".tif": lambda: partial(_geotiff, plan),
     }
@@ -68,17 +68,6 @@ def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -
 def _kind(target: Path) -> str:
     ending = target.suffix.lower()
     return ".tif" if ending == ".tiff" else ending
-
-
-def _compact(document: Mapping[str, Any]) -> bytes:
-    """JSON with each table and each layer on one line; the layers contain only finite numbers."""
-    head = _SIGNED | {k: plain(v) for k, v in document.items() if k != "layers"}
-    lines, layers = (
-        [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
-        for values in (head, document["layers"])
-    )
-    text = "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
-    return text.encode()
 
 
 def _netcdf(data: Any, path: Path) -> None:

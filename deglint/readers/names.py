@@ -7,10 +7,8 @@ the sensor and is interpreted by the sensor presets.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
-T = TypeVar("T")
 _WORDS = {
     425.0: "violet",
     440.0: "coastal coastalblue coastalaerosol aerosol ultrablue deepblue",
@@ -56,13 +54,8 @@ _RANGE = (380.0, 2500.0)
 """Numbers in a name that can be a wavelength [nm]."""
 _YEARS = (1970.0, 2100.0)
 """A number in this range without unit may be a year."""
-_COLOUR_RANGES = {
-    "violet": (380, 450), "coastal": (400, 460), "aerosol": (400, 460), "ultrablue": (400, 460), "blue": (420, 520),
-    "green": (490, 600), "yellow": (560, 630), "orange": (585, 650), "red": (590, 710), "rededge": (670, 800),
-    "rededge4": (840, 890), "nir": (720, 1400), "nearinfrared": (720, 1400), "nearir": (720, 1400),
-    "cirrus": (1330, 1420), "watervapour": (890, 980), "watervapor": (890, 980), "swir": (1000, 2500),
-}  # fmt: skip
-"""Range of wavelengths beside each colour word [nm]."""
+_NEAR_NOMINAL = 0.4
+"""A number beside a colour word is a wavelength if it differs by less than this share from the nominal one."""
 
 
 def wavelength_in_name(name: str) -> float | None:
@@ -87,11 +80,9 @@ def wavelength_in_name(name: str) -> float | None:
             return round(number * 1000, 6)
         year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
         return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
-    limits = _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)  # None also where two colours are named
-    if limits is None:
-        return None
+    nominal = nominal_wavelength(name) or 0.0
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
-    fits = [n for n in numbers if limits[0] <= n <= limits[1]]
+    fits = [n for n in numbers if abs(n - nominal) < _NEAR_NOMINAL * nominal]
     return fits[0] if len(fits) == 1 else None
 
 
@@ -101,16 +92,12 @@ def nominal_wavelength(name: str) -> float | None:
     >>> nominal_wavelength("Red Edge"), nominal_wavelength("B5 - Near Infrared"), nominal_wavelength("pan")
     (720.0, 840.0, None)
     """
-    return _the_one(re.findall(r"[a-z]+\d*|\d+", name.lower()), NOMINAL, longest=3)
-
-
-def _the_one(words: Sequence[str], table: Mapping[str, T], *, longest: int) -> T | None:
-    """Table entry of the longest sequence of consecutive words found in the table; None if there are two."""
-    for length in range(longest, 0, -1):
+    words = re.findall(r"[a-z]+\d*|\d+", name.lower())
+    for length in (3, 2, 1):
         joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
-        found = {table[word] for word in joined if word in table}
+        found = {NOMINAL[word] for word in joined if word in NOMINAL}
         if found:
-            return found.pop() if len(found) == 1 else None
+            return found.pop() if len(found) == 1 else None  # None where two colours are named
     return None
 
 

@@ -151,17 +151,14 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
     """Pixels that are connected, within the tile, to the edge of the image."""
-    import cv2
+    from scipy.ndimage import binary_propagation
 
     rim = np.zeros_like(mask)
     rim[0] |= tile.row0 == 0
     rim[-1] |= tile.row1 == scene.height
     rim[:, 0] |= tile.col0 == 0
     rim[:, -1] |= tile.col1 == scene.width
-    if not (mask & rim).any():
-        return np.zeros_like(mask)
-    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
-    return mask & np.isin(labels, np.unique(labels[mask & rim]))
+    return np.asarray(binary_propagation(rim & mask, mask=mask))
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
