@@ -61,15 +61,11 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
     """A description with names, wavelengths and widths of the bands, so that an output has them too."""
-    lacking = [
-        Spectral(None if known.wavelength else b.wavelength, b.width if known.width is None else None)
-        for b, known in zip(bands, spectral_of(info), strict=True)
-    ]
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return with_spectral(replace(info, descriptions=names), lacking)
+    return with_spectral(replace(info, descriptions=names), [Spectral(b.wavelength, b.width) for b in bands])
 
 
 def _spelled(name: str, place: int) -> float | None:

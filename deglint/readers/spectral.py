@@ -58,18 +58,9 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
     """A description with these wavelengths and widths in the tags of its bands; None keeps the existing ones."""
     every = []
     for own, new in zip(info.band_tags, spectra, strict=True):
-        tags: dict[str, Mapping[str, str]] = dict(own)
-        for value, name, keys in (
-            (new.wavelength, "wavelength_nm", (_WAVELENGTH, _UNIT_TAG)),
-            (new.width, "fwhm_nm", (_WIDTH_TAG,)),
-        ):
-            if value is not None:
-                others = {
-                    n: {k: v for k, v in space.items() if not any(key.fullmatch(_key(k)) for key in keys)}
-                    for n, space in tags.items()
-                }
-                tags = {**others, "": {**others.get("", {}), name: f"{value:.10g}"}}
-        every.append(tags)
+        facts = {"wavelength_nm": new.wavelength, "fwhm_nm": new.width}
+        tags = {name: f"{value:.10g}" for name, value in facts.items() if value is not None}
+        every.append({**own, "": {**own.get("", {}), **tags}})
     return replace(info, band_tags=tuple(every))
 
 
@@ -115,6 +106,7 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
 
 def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
+    named.sort(key=lambda one: not one[0].endswith("_nm"))  # the tags that `with_spectral` writes come first
     fits = [(value, key.fullmatch(_key(name))) for name, value in named]
     return [(value, match) for value, match in fits if match]
 
