@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import nearest
-from ..errors import InputError, ReadError
+from ..errors import InputError
 from ..raster import FileBands, RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, quiet
 from ..scene import Scene, Window
-from .grid import at, corners_of, nearest_on, same_grid
+from .grid import at, nearest_on, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
@@ -30,8 +29,6 @@ Mask = npt.NDArray[np.bool_]
 LONGITUDE_LATITUDE = "OGC:CRS84"
 _POLYGON_CELL = 512
 """Side of the squares in which polygons are rasterised [pixel]."""
-OPTION_WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
-"""Words that an option accepts besides file names, for suggestions after a misspelling."""
 _FAR = 1e9
 """Polygon corners further from the scene than this are an error [pixel]."""
 
@@ -88,37 +85,26 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
-        column, row, width, height = _window(text, scene, option)
+        parts = [part.strip() for part in text.split(",")]
+        if len(parts) != 4 or not all(re.fullmatch(r"-?\d+", part) for part in parts) or min(map(int, parts[2:])) < 1:
+            raise InputError(
+                f"{option} {text}: a window is four integers, column,row,width,height [pixel], the last two above 0; "
+                f"such as {option} 0,0,{scene.width},{scene.height}, which is this scene."
+            )
+        column, row, width, height = map(int, parts)
         area = window_area(((row, row + height), (column, column + width)))
         return _inside(area, scene, f"{option} {text}", "A window is column,row,width,height.")
     if Path(text).suffix.lower() in (".geojson", ".json"):
         area = polygons(read_json(text, option), scene, text)
         return _inside(area, scene, f"{option} {text}", "Check the CRS, or draw it anew.")
-    if Path(text).name == text and not Path(text).exists():
-        hint = nearest(text, list(OPTION_WORDS.get(option, ())))
-        if hint:
-            raise ReadError(f"no such file: {text} ({option}){hint}")
     return _raster_area(text, scene, option)
-
-
-def _window(text: str, scene: Scene, option: str) -> list[int]:
-    """Column, row, width and height; the InputError has a valid example."""
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) == 4 and all(re.fullmatch(r"-?\d+", part) for part in parts) and min(map(int, parts[2:])) > 0:
-        return list(map(int, parts))
-    middle = f"{scene.width // 4},{scene.height // 4},{max(scene.width // 2, 1)},{max(scene.height // 2, 1)}"
-    raise InputError(
-        f"{option} {text}: a window is four integers, column,row,width,height [pixel], the last two above 0; "
-        f"such as {option} {middle} in this scene of {scene.width} x {scene.height} pixels."
-    )
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """Polygons of a GeoJSON document, in the scene's coordinates.
 
     The CRS is that of the document's member `crs`, else longitude and latitude (RFC 7946). Coordinates that cannot be
-    longitude and latitude but lie in the scene are assumed to be in the scene's CRS, as are all if the scene has no
-    CRS.
+    longitude and latitude are assumed to be in the scene's CRS, as are all if the scene has no CRS.
     """
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
@@ -126,8 +112,9 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     shapes = [_checked(polygon, name) for polygon in _polygons(document)]
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
-    note = "" if scene.crs is None or document.get("crs") else _own_crs(shapes, scene, name)
-    if note:
+    note = ""
+    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # or longitudes of 0-360
+        note = f"{name} names no CRS, and is not in longitude and latitude: the CRS of the scene is assumed"
         log.info("%s", note)
     elif scene.crs is not None:
         try:
@@ -144,24 +131,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
         (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
     )
     return Area(window, partial(_in_polygons, shapes, transform, window), note)
-
-
-def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
-    """Note if coordinates without a CRS are assumed to be the scene's; "" if they are longitude and latitude."""
-    points = _corners(shapes)
-    if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
-        return ""
-    (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
-    edges = [at(scene.transform, *corner) for corner in corners_of(scene)]
-    (west, south), (east, north) = np.min(edges, axis=0), np.max(edges, axis=0)
-    own = scene.crs.to_string() if len(scene.crs.to_string()) < 40 else "that of the scene"
-    if left < east and right > west and bottom < north and top > south:
-        return f"{name} names no CRS, and its coordinates lie in the scene: they are taken to be in its CRS, {own}"
-    raise InputError(
-        f"{name} names no CRS, so its coordinates should be longitude and latitude, but they are x {left:.6g} to "
-        f"{right:.6g}, y {bottom:.6g} to {top:.6g}, and not in the scene either. Save it in EPSG:4326 (ogr2ogr -t_srs "
-        f"EPSG:4326 NEW.geojson {name}), or with its CRS."
-    )
 
 
 def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
