@@ -44,7 +44,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     bands = [
         Band(
             name=name,
-            wavelength=known.wavelength or (None if i in unnamed else _spelled(name, i)),
+            wavelength=known.wavelength or (None if i in unnamed else wavelength_in_name(name)),
             width=known.width,
             time_offset=time_offset(info.band_tags[i]),
             saturation=saturation(info, i),
@@ -66,12 +66,6 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
     return with_spectral(replace(info, descriptions=names), [Spectral(b.wavelength, b.width) for b in bands])
-
-
-def _spelled(name: str, place: int) -> float | None:
-    """Wavelength in a name, unless the number is that of the band: "Band 400" of a spectrometer."""
-    found = wavelength_in_name(name)
-    return None if found == place + 1 and nominal_wavelength(name) is None else found
 
 
 def _with_sensor(
