@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, ReadError, WriteError
-from .files import COMPANIONS
 from .info import gdal_errors, one_line
+from .targets import COMPANIONS
 
 MOVED: list[Path] = []
 """Outputs that this process has moved into place; a command that is interrupted later reports them."""

@@ -17,7 +17,7 @@ from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo
 from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .container import Container, is_archive, open_archive, open_folder
+from .metadata import Container, is_archive, open_archive, open_folder
 from .product import Product, described
 
 PRODUCTS: dict[str, Any] = {

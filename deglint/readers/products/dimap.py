@@ -14,8 +14,7 @@ from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
-from .container import Container
-from .metadata import angle_tags, positive, said, said_number, tags_of
+from .metadata import Container, angle_tags, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"

@@ -22,8 +22,7 @@ import numpy as np
 
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
-from .container import Container
-from .metadata import MetadataError, number, numbers, positive, tags_of, xml_of
+from .metadata import Container, MetadataError, number, numbers, positive, tags_of, xml_of
 from .product import Product, ProductBand, filled
 
 METADATA = r"(?!)"  # each file has its own
