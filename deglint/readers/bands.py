@@ -40,7 +40,6 @@ _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellit
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Bands of a scene, the sensor preset that was used, and notes; `stems` are names for unnamed bands."""
     names, unnamed = _names(info, stems)
-    spectra = spectral_of(info)
     bands = [
         Band(
             name=name,
@@ -49,14 +48,11 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
             time_offset=time_offset(info.band_tags[i]),
             saturation=saturation(info, i),
         )
-        for i, (name, known) in enumerate(zip(names, spectra, strict=True))
+        for i, (name, known) in enumerate(zip(names, spectral_of(info), strict=True))
     ]
-    notes = []
-    if any(s.assumed for s in spectra):
-        notes.append("wavelengths have no unit: up to 30 they are read as micrometres, above as nanometres")
     bands, preset, told = _with_sensor(bands, info, sensor, unnamed)
     bands, guessed = _from_names(bands, unnamed)
-    return bands, preset, notes + told + guessed
+    return bands, preset, told + guessed
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:

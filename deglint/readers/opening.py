@@ -293,7 +293,7 @@ def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = T
 
 
 def _nanometres(value: float) -> float:
-    found, _ = nanometres(value)
+    found = nanometres(value)
     if found is None or not SPECTRAL_RANGE[0] <= found <= SPECTRAL_RANGE[1]:
         low, high = SPECTRAL_RANGE
         raise InputError(

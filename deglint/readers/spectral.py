@@ -1,7 +1,6 @@
 """Properties of bands from the tags of a file: wavelength, width, time offset, and saturation.
 
-Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above, with a note on
-this assumption.
+Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above.
 """
 
 from __future__ import annotations
@@ -29,11 +28,10 @@ _WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detect
 
 @dataclass(frozen=True, slots=True)
 class Spectral:
-    """Wavelength and width [nm] of a band, if known; `assumed` if a unit was assumed."""
+    """Wavelength and width [nm] of a band, if known."""
 
     wavelength: float | None = None
     width: float | None = None
-    assumed: bool = False
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
@@ -45,12 +43,12 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
     for i, tags in enumerate(info.band_tags):
         own_unit = _first(tags, _UNIT_TAG, unit)
         ((value, stated),) = _stated(tags, _WAVELENGTH, 1) or wavelengths[i : i + 1] or unknown
-        wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
+        wavelength = None if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
         ((value, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
-        found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
+        found.append(Spectral(wavelength, _width(value, stated or own_unit)))
     return found
 
 
@@ -128,22 +126,17 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 def _width(value: float | None, unit: str) -> float | None:
     if value is None:
         return None
-    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))[0]
+    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))
 
 
-def nanometres(value: float, unit: str = "") -> tuple[float | None, bool]:
-    """A wavelength in nm, and whether its unit was assumed from its size.
+def nanometres(value: float, unit: str = "") -> float | None:
+    """A wavelength in nm; without a unit, its size tells. None for units of other kinds.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
-    ((490.0, True), (490, False), (490.0, False))
+    (490.0, 490, 490.0)
     """
     name = unit.strip().lower()
-    if name in ("nm", "nanometer", "nanometers", "nanometre", "nanometres"):
-        return value, False
-    if name.startswith(("um", "µm", "μm", "micro", "micron")):
-        return round(value * 1000, 6), False
-    if name.startswith("angstrom"):
-        return value / 10, False
     if name in ("wavenumber", "index", "ghz", "mhz"):
-        return None, False
-    return (round(value * 1000, 6) if value <= _LARGEST_MICROMETRE else value), True
+        return None
+    micrometres = name.startswith(("um", "µm", "μm", "micro")) or (name[:1] != "n" and value <= _LARGEST_MICROMETRE)
+    return round(value * 1000, 6) if micrometres else value

@@ -199,8 +199,8 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
         facts = {
             "name": name,
             "common": common,
-            "wavelength": nanometres(centre, "um")[0] if centre else nominal_wavelength(common or name),
-            "width": nanometres(width, "um")[0] if width else None,
+            "wavelength": nanometres(centre, "um") if centre else nominal_wavelength(common or name),
+            "width": nanometres(width, "um") if width else None,
             "scale": number(said.get("scale")) or None,
             "offset": 0.0 if applied else number(said.get("offset")),
             "nodata": number(said.get("nodata")),

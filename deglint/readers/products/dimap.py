@@ -163,7 +163,7 @@ def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
     node = _of_band(root, "Band_Spectral_Range", band)
     unit = said(node, "MEASURE_UNIT")
     low, high = (
-        None if (end := positive(said(node, name))) is None else nanometres(end, unit)[0] for name in ("MIN", "MAX")
+        None if (end := positive(said(node, name))) is None else nanometres(end, unit) for name in ("MIN", "MAX")
     )
     if low is None or high is None or high <= low:
         return None, None
