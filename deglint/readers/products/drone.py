@@ -65,40 +65,39 @@ def find(container: Container) -> Product | None:
 def _product(container: Container, capture: str, members: list[str]) -> Product | None:
     order = sorted(members, key=lambda m: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", m)])
     infos = [describe_file(container.gdal(m)) for m in order]
-    bands, left, notes, corrected = [], [], list[str](), list[str]()
+    bands, left, notes = [], [], list[str]()
     facts: Facts = {}
     for info in infos:
-        facts, damaged = facts_of(info)
-        found, said_of_it = bands_of(info, facts)
-        notes += damaged
+        facts = facts_of(info)
+        found, corrected = bands_of(info, facts)
         if len(found) != 1:
             continue
         if (found[0].wavelength or 0.0) > THERMAL or found[0].name.casefold() in ("lwir", "panchro"):
             left.append(found[0].name)
         else:
             bands += found
-            corrected += said_of_it
+            notes += corrected
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
         bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
     if left:
-        notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
-    notes = list(dict.fromkeys([*notes, *corrected, UNREGISTERED]))
+        notes.insert(0, f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
+    notes = list(dict.fromkeys([*notes, UNREGISTERED]))
     tags = tags_of({"acquired": infos[0].tags.get("", {}).get("TIFFTAG_DATETIME")})
     return Product(_kind(facts), capture, tuple(bands), _sensor(facts), tags, tuple(notes))
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
     """A file's description, with what its XMP says of the bands; as it is where there is none."""
-    facts, notes = facts_of(info)
+    facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
-        return info, notes
+        return info, []
     if any(info.descriptions):  # names that somebody gave in the file count more
         bands = [replace(b, name=d or b.name) for b, d in zip(bands, info.descriptions, strict=True)]
-    notes.append(f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})")
-    return filled(info, tuple(bands), {}, _sensor(facts)), notes + corrected
+    note = f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})"
+    return filled(info, tuple(bands), {}, _sensor(facts)), [note, *corrected]
 
 
 def is_capture(info: RasterInfo) -> bool:
@@ -107,15 +106,12 @@ def is_capture(info: RasterInfo) -> bool:
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
 
-def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
-    """Values in the XMP by name without namespace, and notes if it is damaged."""
-    text = info.tags.get("xml:XMP", {}).get("xml:XMP", "")
-    if not text:
-        return {}, []
+def facts_of(info: RasterInfo) -> Facts:
+    """Values in the XMP by name without namespace; none if it is missing or damaged."""
     try:
-        root = xml_of(text.strip("\0 \n").encode(), f"the XMP of {info.paths[0]}")
-    except MetadataError as error:
-        return {}, [f"{error}, and is not used"]
+        root = xml_of(info.tags.get("xml:XMP", {}).get("xml:XMP", "").strip("\0 \n").encode(), "XMP")
+    except MetadataError:
+        return {}
     found: dict[str, list[str]] = {}
     for node in root.iter():
         for name, value in node.attrib.items():
@@ -125,7 +121,7 @@ def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
             items or (node.text or "").strip()
         ):
             found.setdefault(node.tag, items or [(node.text or "").strip()])
-    return found, []
+    return found
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
