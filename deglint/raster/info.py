@@ -61,7 +61,7 @@ class RasterInfo:
     offsets: tuple[float, ...]
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
-    colorinterp: tuple[str, ...]  # GDAL's colour interpretation in lower case ("gray", "undefined")
+    colorinterp: tuple[str, ...]  # GDAL's colour interpretation ("gray", "undefined")
     tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* as the file has them, not of changed pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
     mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; none: a mask of its own
@@ -207,7 +207,7 @@ def describe_file(path: str) -> RasterInfo:
 
 
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
-    interp = [c.name.lower() for c in dataset.colorinterp]
+    interp = [c.name for c in dataset.colorinterp]
     alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
     name = str(dataset.descriptions[alpha - 1] or "alpha").lower() if alpha else ""
     if alpha and (alpha_is_band or "alpha" not in name):

@@ -330,8 +330,7 @@ def _describe(dataset: Any, layout: Layout) -> None:
         scales, offsets = [info.scales[b] for b in bands], [info.offsets[b] for b in bands]
         if any(s != 1 for s in scales) or any(o != 0 for o in offsets):
             dataset.scales, dataset.offsets = scales, offsets
-        known = {c.name for c in ColorInterp}
-        colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
+        colours = [info.colorinterp[b] for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
     if layout.holds_flags:

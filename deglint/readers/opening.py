@@ -161,12 +161,8 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
         asked = [] if nir is None else split_wanted(nir)
         if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
             return describe(dataset, path, alpha_is_band=True)
-    coloured = set(info.colorinterp) <= {"red", "green", "blue"}
-    names = info.colorinterp if coloured else [f"b{i}" for i in range(1, info.count + 1)]
-    notes.append(
-        f"{path}: band {info.alpha} is alpha (0: not valid), not an image band; if it is one, name the bands: "
-        f'--bands "{",".join([*names, "nir"])}"'
-    )
+    what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
+    notes.append(f"{path}: band {info.alpha} {what}")
     return info
 
 

@@ -45,7 +45,9 @@ def sensor_of(name: str) -> Sensor:
     checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
     _check(where, entry, _OF_FILE, ("bands",))
     checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
-    _check_names(where, checked)
+    own = [band["name"] for band in checked["bands"]]
+    if not all(isinstance(product, list) and set(product) <= set(own) for product in entry.get("products", ())):
+        raise InputError(f"{where}: products: want lists of {', '.join(own)}.")
     if "optics" in entry:
         _check(f"{where} optics", entry["optics"], _OPTICS)
         checked["optics"] = {"status": "defined"} | dict(entry["optics"])
@@ -86,20 +88,6 @@ def _band(where: str, band: Any) -> dict[str, Any]:
         low, high = _CENTRE_RANGE
         raise InputError(f"{where}: wavelength: allowed is {low:g} to {high:g} nm, got {band['wavelength']}.")
     return {"width": _USUAL_WIDTH} | dict(band)
-
-
-def _check_names(where: str, entry: Mapping[str, Any]) -> None:
-    """Check that names of bands are unique, and that products contain only existing bands."""
-    seen: dict[str, str] = {}
-    for band in entry["bands"]:
-        for name in {sensors.normalise(n) for n in (band["name"], *band.get("aliases", ()))}:
-            if name in seen:
-                raise InputError(f"{where}: bands {seen[name]} and {band['name']} both answer to {name!r}. Rename one.")
-            seen[name] = band["name"]
-    own = [b["name"] for b in entry["bands"]]
-    for product in entry.get("products", ()):
-        if not (isinstance(product, list) and all(n in own for n in product)):
-            raise InputError(f"{where}: products: want lists of {', '.join(own)}, got {described(product)}.")
 
 
 def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], needed: tuple[str, ...] = ()) -> None:
