@@ -113,7 +113,7 @@ def test_nir_asked_for_nothing():
 
 def test_reason_for_the_log(write, tmp_path):
     scene = bands_at(490, 783, 842, 865)
-    assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm of 3 candidates in 750-900 nm"
+    assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm"
     path = write(tmp_path / "a.tif", np.zeros((2, 4, 5), np.uint16), names=["x", "y"])
     (note,) = open_scene(path, nir="y").notes
     assert note.startswith("NIR is band 2 y, as asked for; warning: the wavelength of y is not known")

@@ -19,8 +19,6 @@ from .output import Layer, plain, write_bytes, write_json
 from .scratch import Scratch, write_errors
 from .targets import Reads, check_targets
 
-Plan = Any
-"""What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
 Content = bytes | Mapping[str, Any] | Callable[[Path], None]
 _SIGNED = {"software": f"deglint {__version__}"}
 
@@ -39,7 +37,7 @@ def check_plan(
     check_targets(targets, reads, overwrite=overwrite)
 
 
-def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
+def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
     """Write a plan (`deglint.plan.Reticle`) to every target, by its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
@@ -75,7 +73,7 @@ def _netcdf(data: Any, path: Path) -> None:
     data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
-def _geotiff(plan: Plan, path: Path) -> None:
+def _geotiff(plan: Any, path: Path) -> None:
     """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
     from affine import Affine
 

@@ -24,12 +24,8 @@ CORNER = 600_000.0, 4_070_000.0
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"
 
 
-Simulated = Any
-"""Result of `deglint.simulate.simulate`; that package is not imported here."""
-
-
 def write_scene(
-    scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
+    scene: Any, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
     """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
 
@@ -69,7 +65,7 @@ def _base(stem: str | Path) -> Path:
     return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
 
 
-def layers_of(scene: Simulated) -> dict[str, Layer]:
+def layers_of(scene: Any) -> dict[str, Layer]:
     """Files of a scene by suffix."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
@@ -119,7 +115,7 @@ def _tags(setup: Any) -> dict[str, str]:
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 
 
-def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
+def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
     """All parameters and results of a scene, for its JSON."""
     import scipy
 

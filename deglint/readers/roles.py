@@ -207,9 +207,4 @@ def _reason(scene: Scene, index: int) -> str:
     said = f"NIR is band {index + 1} {band.name}"
     if band.wavelength is None:
         return f"{said}, by its name"
-    limits = _NIR_BEST if band.wavelength <= _NIR_BEST[1] else _NIR_LAST
-    count = sum(w is not None and limits[0] <= w <= limits[1] for w in _wavelengths(scene))
-    return (
-        f"{said} ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm of {count} "
-        f"candidate{'s' if count > 1 else ''} in {limits[0]:g}-{limits[1]:g} nm"
-    )
+    return f"{said} ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm"
