@@ -12,7 +12,15 @@ from deglint.errors import BandError, DeglintError, InputError, ReadError
 from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
 from deglint.readers.bands import match
-from deglint.readers.names import short_names, wavelength_in_name
+from deglint.readers.names import (
+    band_code,
+    example_names,
+    letter_wavelengths,
+    only_numbered,
+    plain_name,
+    short_names,
+    wavelength_in_name,
+)
 from deglint.scene import Band
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -43,6 +51,16 @@ def at(scene):
 )
 def test_a_number_is_a_wavelength_where_it_agrees_with_the_colour(name, expected):
     assert wavelength_in_name(name) == expected
+
+
+def test_parts_of_names():
+    codes = [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
+    assert codes == ["2", "2", "2", "4", "8a", "3", None]
+    assert [plain_name(n) for n in ("nbart_red_edge_1", "SR_B2", "Red")] == ["red_edge_1", "b2", "red"]
+    assert letter_wavelengths(["R", "G", "B", "NIR"]) == [660.0, 555.0, 485.0, 840.0]
+    assert letter_wavelengths(["R", "x"]) == [None, None]
+    assert [only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])] == [True, False]
+    assert [example_names(2), example_names(6)] == ["blue,nir", "blue,green,red,nir,b5,b6"]
 
 
 S2 = ("B02", "B03", "B04", "B08")

@@ -102,53 +102,33 @@ def nominal_wavelength(name: str) -> float | None:
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each.
-
-    >>> letter_wavelengths(["R", "G", "B", "NIR"]), letter_wavelengths(["R", "x"])
-    ([660.0, 555.0, 485.0, 840.0], [None, None])
-    """
+    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]
 
 
 def band_code(name: str) -> str | None:
-    """The code of a band in its name, without leading zeros.
-
-    >>> [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
-    ['2', '2', '2', '4', '8a', '3', None]
-    """
+    """The code of a band in its name, without leading zeros."""
     found = _CODE.fullmatch(name.strip().lower())
     return found[1] if found else None
 
 
 def plain_name(name: str) -> str:
-    """A name without prefixes for the kind of value, in lower case.
-
-    >>> plain_name("nbart_red_edge_1"), plain_name("SR_B2"), plain_name("Red")
-    ('red_edge_1', 'b2', 'red')
-    """
+    """A name without prefixes for the kind of value, in lower case."""
     text = name.strip().lower()
     rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
 
 
 def only_numbered(names: Sequence[str]) -> bool:
-    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ...
-
-    >>> only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])
-    (True, False)
-    """
+    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ..."""
     found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
     return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Distinguishing parts of the names of one-band files, as names of bands.
-
-    >>> short_names(["T32_B02_10m", "T32_B08_10m"]), short_names(["ortho_red", "ortho_nir"]), short_names(["a", ""])
-    (['B02', 'B08'], ['red', 'nir'], ['a', ''])
-    """
+    """Distinguishing parts of the names of one-band files, as names of bands."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
     if stems and all(len(c) == 1 for c in codes):
         return [c[0] for c in codes]
@@ -170,11 +150,7 @@ def _shared(parts: Sequence[Sequence[str]]) -> int:
 
 
 def example_names(count: int) -> str:
-    """Example of names for `--bands`, for messages; abbreviated above 20 bands.
-
-    >>> example_names(2), example_names(6)
-    ('blue,nir', 'blue,green,red,nir,b5,b6')
-    """
+    """Example of names for `--bands`, for messages; abbreviated above 20 bands."""
     if count > 20:
         return f"b1,b2,...,b{count}"
     return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])
