@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from os.path import commonprefix
 
 _WORDS = {
     425.0: "violet",
@@ -130,23 +131,18 @@ def only_numbered(names: Sequence[str]) -> bool:
 def short_names(stems: Sequence[str]) -> list[str]:
     """Distinguishing parts of the names of one-band files, as names of bands."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
-    if stems and all(len(c) == 1 for c in codes):
-        return [c[0] for c in codes]
-    own = [s for s in stems if s]
-    split = [re.split(r"([\s_\-.]+)", s) for s in own]
     rest = list(stems)
-    if len(own) > 1 and len(own) == len(stems):
-        front, back = _shared(split), _shared([s[::-1] for s in split])
+    if len(stems) > 1 and all(stems):
+        split = [re.split(r"([\s_\-.]+)", s) for s in stems]
+        least = min(map(len, split)) - 1  # at least one part of each name remains
+        front, back = (
+            min(len(commonprefix(parts)), least)  # noqa: RUF071  (parts of names, not of paths)
+            for parts in (split, [s[::-1] for s in split])
+        )
         cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
         if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
             rest = cut
     return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
-
-
-def _shared(parts: Sequence[Sequence[str]]) -> int:
-    """Number of first parts that all names share; at least one part of each name remains."""
-    least = min(map(len, parts)) - 1
-    return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
 
 
 def example_names(count: int) -> str:
