@@ -43,8 +43,8 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
     Names are GDAL names, folders or text files. Names that are not files ("auto", "0,0,10,10") are skipped. For a file
     in an archive, the archive is included. Files that cannot be opened are included by name only.
     """
-    given = list(dict.fromkeys(map(str, names)))
-    found = {identity(name): name for name in given[::-1]}
+    given = dict.fromkeys(map(str, names))
+    found = {identity(name): name for name in reversed(given)}
     for name in given:
         for file in _read_with(name):
             found.setdefault(identity(file), file)
@@ -76,7 +76,7 @@ def _read_with(name: str) -> Iterator[str]:
 
 def _local(name: str) -> list[str]:
     """The local file that a GDAL name refers to, or the archive that it lies in."""
-    bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0], count=1).replace("!", "/"))
+    bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
     if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
         return []
     return [str(place) for place in (bare, *bare.parents) if place.is_file()]
