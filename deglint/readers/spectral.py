@@ -64,8 +64,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 def own_facts(info: RasterInfo) -> RasterInfo:
     """A file's description with wavelength, width and full scale in the tags of each band, not of the dataset."""
-    known = zip(info.band_tags, spectral_of(info), strict=True)
-    info = with_spectral(info, [Spectral() if _stated(own, _WAVELENGTH, 1) else found for own, found in known])
+    info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
     tags = ({**t, "": {"FULL_SCALE": _first(t, _FULL_SCALE, full), **t.get("", {})}} for t in info.band_tags)

@@ -59,15 +59,12 @@ def assets_of(name: str) -> list[Asset]:
     if found is None or products.name_of(name) is not None:  # a product may have its metadata in JSON
         return [Asset(name)]
     path, wanted, keys = found[1], found[2] or "", tuple(k for k in (found[3] or "").split(",") if k)
-    document = read_document(path)
-    items = items_of(document, path)
-    if wanted:
-        items = [i for i in items if i["id"] == wanted]
-    if len(items) != 1:
-        what = f"no item {wanted!r}" if wanted else f"{len(items)} STAC Items"
-        ids = ", ".join(str(i["id"])[:80] for i in items_of(document, path)[:10])
-        raise InputError(f"{path} holds {what}. Name one as {path}#ID; there are {ids or 'none'}.")
-    return bands_of_item(items[0], path, keys)
+    items = items_of(read_document(path), path)
+    fits = [i for i in items if wanted in ("", i["id"])]
+    if len(fits) != 1:
+        ids = ", ".join(i["id"] for i in items[:10]) or "none"
+        raise InputError(f"{name} holds {len(fits)} STAC Items. Name one as {path}#ID; there are {ids}.")
+    return bands_of_item(fits[0], path, keys)
 
 
 def files_of(name: str) -> tuple[str, ...]:
@@ -104,9 +101,8 @@ def _fetched(path: str) -> Mapping[str, Any]:
 
 def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
     """The Items of an ItemCollection, or the Item in a document."""
-    items = document.get("features") if document.get("type") == "FeatureCollection" else [document]
-    if not isinstance(items, list):
-        raise InputError(f"{path} is not a STAC ItemCollection: it has no list of features.")
+    found = document.get("features") if document.get("type") == "FeatureCollection" else [document]
+    items = found if isinstance(found, list) else []
     for i, item in enumerate(items, start=1):
         held = item.get("assets") if isinstance(item, Mapping) else None
         if not isinstance(held, Mapping) or not isinstance(item.get("id"), str):
