@@ -131,9 +131,7 @@ def _companions(path: Path) -> list[Path]:
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
     """Check that one output can be written; inputs are not considered, see `check_targets`."""
-    if str(path) == "-":
-        raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
-    if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
+    if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
         raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")

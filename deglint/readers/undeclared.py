@@ -153,11 +153,8 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
     """Pixels that are connected, within the tile, to the edge of the image."""
     from scipy.ndimage import binary_propagation
 
-    rim = np.zeros_like(mask)
-    rim[0] |= tile.row0 == 0
-    rim[-1] |= tile.row1 == scene.height
-    rim[:, 0] |= tile.col0 == 0
-    rim[:, -1] |= tile.col1 == scene.width
+    (rows, columns), rim = tile.shape, np.ones_like(mask)
+    rim[tile.row0 == 0 : rows - (tile.row1 == scene.height), tile.col0 == 0 : columns - (tile.col1 == scene.width)] = 0
     return np.asarray(binary_propagation(rim & mask, mask=mask))
 
 
