@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ReadError
-from .raster.files import files_behind
+from .raster.targets import files_behind
 
 _CHUNK = 4 << 20
 """Bytes read at a time: large enough that the thread rarely has to compete for Python's interpreter lock."""

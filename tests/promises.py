@@ -30,13 +30,12 @@ that are read with it: headers, masks, overviews, sources of VRTs at any depth.
 _LIMITS = """
 ## What is not promised
 
-- A power cut, or `kill -9` in the very moment in which outputs are moved, may leave new sidecars and flags beside an
-  old image: the image goes last, so what stands is never newer than what is said of it. The next run puts it right.
-- On file systems without links (FAT, some network drives) an old output has another name, `.NAME...old.tif`, for the
-  moment of the move; a killed run leaves it there, and the next run of that output puts it back.
+- A power cut, or `kill -9` in the very moment in which outputs are moved, may leave new sidecars and flags without
+  their image: the image goes last. An old output that was to be replaced is then called `.NAME...old.tif`.
+- Two runs that write the same outputs at the same time may leave the files of both.
 - Files on servers have no fingerprint: that they change is not noticed.
 - Overviews and `.aux.xml` that a viewer writes beside a scene while a run reads it do not stop the run.
-- Where a VRT is allowed to read anywhere (`DEGLINT_VRT_SOURCES=any`) it reads anywhere.
+- A VRT reads what it names, wherever that lies.
 """
 
 

@@ -191,11 +191,7 @@ def test_nesting_that_json_can_hold_is_followed(scene, tmp_path):
     np.testing.assert_array_equal(area_of(scene, tmp_path / "a.geojson").read(WHOLE), INSIDE)
 
 
-def test_a_file_that_is_too_large_is_not_read(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("deglint.readers.text.MOST_TEXT_BYTES", 1000)
-    (tmp_path / "a.geojson").write_text(" " * 2000)
-    with pytest.raises(InputError, match="larger than"):
-        area_of(scene, tmp_path / "a.geojson")
+def test_a_directory_is_not_read(scene, tmp_path):
     (tmp_path / "d.geojson").mkdir()
     with pytest.raises(ReadError, match="cannot read"):
         area_of(scene, tmp_path / "d.geojson")
@@ -266,30 +262,22 @@ def test_coordinates_without_a_crs_that_lie_in_the_scene_are_in_its_crs(scene, g
         found = open_area(geojson(tmp_path / "a.geojson", BOX), scene, "--mask")
     np.testing.assert_array_equal(found.read(WHOLE), INSIDE)
     assert caplog.messages == [found.note]
-    assert found.note.endswith("its coordinates lie in the scene: they are taken to be in its CRS, EPSG:32653")
+    assert "names no CRS" in found.note
 
 
-def test_coordinates_without_a_crs_that_lie_elsewhere_are_refused_with_a_remedy(scene, geojson, tmp_path):
-    path = geojson(tmp_path / "a.geojson", [(x + 1e5, y) for x, y in BOX])
-    with pytest.raises(InputError, match=r"names no CRS.* not in the scene either\. Save it in EPSG:4326 \(ogr2ogr"):
+@pytest.mark.parametrize("crs", [None, "EPSG:32653"])
+def test_coordinates_that_lie_elsewhere_are_refused(scene, geojson, tmp_path, crs):
+    path = geojson(tmp_path / "a.geojson", [(x + 1e5, y) for x, y in BOX], crs=crs)
+    with pytest.raises(InputError, match=r"lies off the scene.*Check the CRS"):
         open_area(path, scene, "--mask")
-    again = geojson(tmp_path / "b.geojson", [(x + 1e5, y) for x, y in BOX], crs="EPSG:32653")
-    with pytest.raises(InputError, match="lies off the scene"):
-        open_area(again, scene, "--mask")
 
 
 @pytest.mark.parametrize("text", ["10,10,100", "1,2,3,4,5", "10,10,0,5", "1.5,2,3,4", "-3,", " 1, 2, 3 "])
 def test_a_window_that_is_none_is_refused_with_one_that_is(scene, text):
     with pytest.raises(InputError, match=r"four integers, column,row,width,height \[pixel\]") as raised:
         open_area(text, scene, "--sample")
-    window = re.search(r"such as --sample (\S+)", str(raised.value))[1]
+    window = re.search(r"such as --sample ([\d,]+), ", str(raised.value))[1]
     assert open_area(window, scene, "--sample").read(WHOLE).any()
-
-
-@pytest.mark.parametrize(("text", "said"), [("atuo", "did you mean 'auto'"), ("al", "did you mean 'all'")])
-def test_a_misspelt_word_is_told_from_a_missing_file(scene, text, said):
-    with pytest.raises(ReadError, match=said):
-        open_area(text, scene, "--sample")
 
 
 def test_what_was_assumed_of_an_area_stands_in_the_sidecar(sea, write, geojson, deglint, tmp_path):
@@ -300,5 +288,5 @@ def test_what_was_assumed_of_an_area_stands_in_the_sidecar(sea, write, geojson, 
     ran = deglint("remove", source, tmp_path / "out.tif", *call)
     assert ran.code == 0, ran.err
     said = json.loads((tmp_path / "out.tif.json").read_text())
-    assert "taken to be in its CRS" in said["sample"]["crs"]
-    assert any("taken to be in its CRS" in note for note in said["notes"])
+    assert "the CRS of the scene is assumed" in said["sample"]["crs"]
+    assert any("the CRS of the scene is assumed" in note for note in said["notes"])

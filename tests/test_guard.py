@@ -14,8 +14,7 @@ from deglint import Recipe, remove_glint
 from deglint.batch.jobs import jobs_of, read_order, state_of
 from deglint.checksum import Checksum, are_as
 from deglint.errors import InputError, ReadError
-from deglint.raster.files import files_behind
-from deglint.raster.targets import check_targets
+from deglint.raster.targets import check_targets, files_behind
 from deglint.readers.scenes import list_scenes
 from detect.cli import run as run_rxdetect
 

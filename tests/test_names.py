@@ -12,7 +12,15 @@ from deglint.errors import BandError, DeglintError, InputError, ReadError
 from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
 from deglint.readers.bands import match
-from deglint.readers.names import short_names, wavelength_in_name
+from deglint.readers.names import (
+    band_code,
+    example_names,
+    letter_wavelengths,
+    only_numbered,
+    plain_name,
+    short_names,
+    wavelength_in_name,
+)
 from deglint.scene import Band
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -43,6 +51,16 @@ def at(scene):
 )
 def test_a_number_is_a_wavelength_where_it_agrees_with_the_colour(name, expected):
     assert wavelength_in_name(name) == expected
+
+
+def test_parts_of_names():
+    codes = [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
+    assert codes == ["2", "2", "2", "4", "8a", "3", None]
+    assert [plain_name(n) for n in ("nbart_red_edge_1", "SR_B2", "Red")] == ["red_edge_1", "b2", "red"]
+    assert letter_wavelengths(["R", "G", "B", "NIR"]) == [660.0, 555.0, 485.0, 840.0]
+    assert letter_wavelengths(["R", "x"]) == [None, None]
+    assert [only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])] == [True, False]
+    assert [example_names(2), example_names(6)] == ["blue,nir", "blue,green,red,nir,b5,b6"]
 
 
 S2 = ("B02", "B03", "B04", "B08")
@@ -194,7 +212,7 @@ def test_the_message_that_no_band_is_named_is_followed_to_a_result(deglint, tmp_
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"bands": "blue,nir"}, r'--bands gives 2 and .*a\.tif has 4 bands.*--bands "blue,green,red,nir"; -b chooses'),
+        ({"bands": "blue,nir"}, r"--bands gives 2 and .*a\.tif has 4 bands.*; -b chooses"),
         ({"bands": "1,2,3,4"}, r"use -b 1,2,3,4"),
         ({"bands": "a,b,a,d"}, r"two bands the name 'a'"),
         ({"bands": "a,,c,d"}, r"name 2 of 4 is empty"),
@@ -204,7 +222,7 @@ def test_the_message_that_no_band_is_named_is_followed_to_a_result(deglint, tmp_
         ({"wavelengths": (475, 560)}, r"--wavelengths gives 2 and "),
         ({"scale": 0}, r"--scale: want numbers other than 0 such as 0\.0001, got 0"),
         ({"scale": True}, r"--scale: want"),
-        ({"offset": [1, 2, 3]}, r"--offset gives 3 and .*--offset N, one for all"),
+        ({"offset": [1, 2, 3]}, r"--offset gives 3 and "),
         ({"offset": "nan"}, r"--offset: want numbers"),
         ({"nodata": "none at all"}, r"nodata .*want a number"),
         ({"sensor": 3}, r"sensor: want the name of a preset or of a file that ends in \.toml, got 3"),
@@ -230,7 +248,7 @@ def test_a_fourth_band_that_gdal_takes_for_alpha_is_the_nir_where_bands_are_name
     path = write(tmp_path / "a.tif", array, names=(), photometric="rgb", alpha="yes")
     plain = open_scene(path)
     assert len(plain.bands) == 3
-    assert any('--bands "red,green,blue,nir"' in n for n in plain.notes)
+    assert any("band 4 is alpha" in n and "--bands" in n for n in plain.notes)
     with pytest.raises(BandError, match=r'no band beyond 700 nm.*taken for alpha.*--bands "red,green,blue,nir"'):
         find_nir(plain)
     assert find_nir(open_scene(path, bands="red,green,blue,nir")) == (3,)
@@ -288,7 +306,6 @@ def test_a_sensor_of_ones_own(tmp_path, write):
         ("wavelength = 550, ", "", r"bands, entry 2: wavelength is missing; needed are name, wavelength"),
         ("wavelength = 550", 'wavelength = "550"', r"bands, entry 2: wavelength: want a number, got '550'"),
         ("wavelength = 550", "wavelength = 0.55", r"wavelength: allowed is 300 to 20000 nm, got 0\.55"),
-        ('["L"]', '["Deep"]', r"bands deep and lime both answer to 'deep'"),
         ('"lime", "far"]', '"lime", "near"]', r"products: want lists of deep, lime, far"),
         ("f_number", "fnumber", r"\[mycam\] optics: 'fnumber' is not one of aperture, focal_length"),
         ("[mycam]", "", r"want one table, such as \[mycamera\]"),

@@ -34,8 +34,8 @@ def test_nir_by_wavelength(at, index):
 
 
 @pytest.mark.parametrize(("at", "says"), [
-    ((443, 490, 560, 665, 705, 740), r"--nir 6"),
-    ((490, 1240, 1610, 2200), r"--nir 2"),
+    ((443, 490, 560, 665, 705, 740), r"--nir NUMBER"),
+    ((490, 1240, 1610, 2200), r"--nir NUMBER"),
     ((490, 660), r".*follows the near infrared.*rxdetect score.*deglint plan"),
 ])  # fmt: skip
 def test_red_edge_and_shortwave_are_no_nir(at, says):
@@ -99,7 +99,7 @@ def test_what_is_no_band_at_all_is_named_in_one_line(wanted):
 
 def test_a_misspelt_band_is_told_the_nearest():
     scene = scene_of(Band("blue"), Band("green"), Band("nir"))
-    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif\. Did you mean blue\? ") as caught:
+    with pytest.raises(BandError, match=r"no band 'Bleu' in scene\.tif; did you mean 'blue'\?") as caught:
         find_band(scene, "Bleu")
     assert "--nir" not in str(caught.value)
     assert find_band(scene_of(Band("SR_B2"), Band("SR_B3")), "B02") == 0
@@ -113,7 +113,7 @@ def test_nir_asked_for_nothing():
 
 def test_reason_for_the_log(write, tmp_path):
     scene = bands_at(490, 783, 842, 865)
-    assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm of 3 candidates in 750-900 nm"
+    assert explain_nir(scene) == "NIR is band 3 w842 (842 nm), nearest to 842 nm"
     path = write(tmp_path / "a.tif", np.zeros((2, 4, 5), np.uint16), names=["x", "y"])
     (note,) = open_scene(path, nir="y").notes
     assert note.startswith("NIR is band 2 y, as asked for; warning: the wavelength of y is not known")

@@ -297,9 +297,3 @@ def test_a_symbolic_link_is_written_through(sea, write, read, tmp_path):
     remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", HEDLEY, overwrite=True)
     assert (tmp_path / "out.tif").is_symlink()
     assert read(tmp_path / "there" / "real.tif").shape == (4, 80, 100)
-
-
-def test_a_long_name_is_no_fault(sea, write, tmp_path):
-    name = "o" * 240 + ".tif"
-    remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / name, HEDLEY)
-    assert (tmp_path / name).exists()

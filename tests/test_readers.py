@@ -76,13 +76,6 @@ def test_wavelengths_from_band_tags(tmp_path, tags):
     assert wavelengths(scene) == pytest.approx([490, 842])
 
 
-def test_an_assumed_unit_is_noted(tmp_path):
-    bare = open_scene(write(tmp_path / "a.tif", zeros(1), band_tags=[{"wavelength": "0.49"}]))
-    told = open_scene(write(tmp_path / "b.tif", zeros(1), band_tags=[{"wavelength": "490 nm"}]))
-    assert any("wavelengths have no unit" in n for n in bare.notes)
-    assert told.notes == ()
-
-
 @pytest.mark.parametrize("value", ["{0.49, 0.842}", "0.49,0.842", "[0.49 0.842]"])
 def test_wavelengths_from_a_list_in_the_dataset(tmp_path, value):
     path = write(tmp_path / "a.tif", zeros(2), namespaces={"ENVI": {"wavelength": value, "fwhm": "{0.03, 0.1}"}})
@@ -156,10 +149,9 @@ def test_numbers_in_names(name, expected):
 
 
 def test_units():
-    assert nanometres(8420, "Angstroms") == (842, False)
-    assert nanometres(20000, "Wavenumber") == (None, False)
-    assert nanometres(30) == (30000, True)
-    assert nanometres(31) == (31, True)
+    assert nanometres(20000, "Wavenumber") is None
+    assert nanometres(30) == 30000
+    assert nanometres(31) == 31
 
 
 def test_sentinel2_codes_give_wavelengths(tmp_path):

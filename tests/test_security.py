@@ -164,7 +164,7 @@ def test_a_large_scene_without_water_is_looked_through_in_bounded_memory(tmp_pat
     assert int(done.stdout) < 1000
 
 
-@pytest.mark.parametrize("name", ["../up", "a/b", "..", ".hidden", "a\\b", "a\nb", "\x00", "", "x" * 151, "\ud800"])
+@pytest.mark.parametrize("name", ["../up", "a/b", "..", ".hidden", "a\\b", "a\nb", "\x00", "", "x" * 151])
 def test_names_in_lists_cannot_leave_the_directory(tmp_path, name):
     with pytest.raises(InputError, match="no file name can be made"):
         checked_name(name, "list")
@@ -174,27 +174,13 @@ def test_names_in_lists_cannot_leave_the_directory(tmp_path, name):
         list_scenes([str(tmp_path / "s.json")])
 
 
-@pytest.mark.parametrize("href", ["/vsicurl/http://x/a.tif", "/vsimem/a", "GTIFF_DIR:1:a.tif", "WMS:http://x", 7, ""])
-def test_assets_are_files_or_on_the_web(tmp_path, href):
-    (tmp_path / "s.json").write_text(json.dumps({"type": "Feature", "id": "a", "assets": {"data": {"href": href}}}))
-    with pytest.raises(InputError, match="asset"):
-        list_scenes([str(tmp_path / "s.json")])
-
-
-def test_lists_and_recipes_have_limits(tmp_path, monkeypatch):
-    (tmp_path / "r.toml").write_text("# " + "x" * (1 << 20))
-    with pytest.raises(InputError, match="larger than 1 MB"):
-        read_order(str(tmp_path / "r.toml"))
+def test_lists_and_recipes_that_are_nested_too_deep_are_one_line(tmp_path):
     (tmp_path / "r.toml").write_text("a = " + "[" * 100_000)
     with pytest.raises(InputError, match="is not TOML"):
         read_order(str(tmp_path / "r.toml"))
     (tmp_path / "s.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match="is not JSON"):
         list_scenes([str(tmp_path / "s.json")])
-    monkeypatch.setattr("deglint.readers.scenes.MOST_SCENES", 10)
-    (tmp_path / "l.csv").write_text("path\n" + "a.tif\n" * 11)
-    with pytest.raises(InputError, match="more than 10"):
-        list_scenes([str(tmp_path / "l.csv")])
 
 
 @pytest.mark.parametrize("text", ["a = " + "1" * 5000, "a = " + "[" * 100_000, "[" * 3])

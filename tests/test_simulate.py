@@ -399,10 +399,14 @@ def test_written_scene_reads_back(tmp_path, moving):
 def test_a_failed_write_leaves_nothing(tmp_path, moving, monkeypatch):
     from deglint.raster import simulated as writer
 
-    def fail(*_):
-        raise OSError("disk full")
+    whole = writer.Layer.write
 
-    monkeypatch.setattr(writer, "describe", fail)
+    def write(self, path, **options):
+        if "_truth" in path.name:
+            raise OSError("disk full")
+        whole(self, path, **options)
+
+    monkeypatch.setattr(writer.Layer, "write", write)
     with pytest.raises(WriteError, match="disk full"):
         writer.write_scene(moving, tmp_path / "sea")
     assert list(tmp_path.iterdir()) == []

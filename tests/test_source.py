@@ -195,7 +195,7 @@ def test_close_and_pickle(tmp_path):
         source.read(WHOLE, [0])
         copy = pickle.loads(pickle.dumps(source))
         (handle,) = source._idle
-    assert handle.datasets[0].closed
+    assert handle[0].closed
     with pytest.raises(ReadError, match=r"was closed\. Open the scene again"):
         source.read(WHOLE, [0])
     np.testing.assert_array_equal(copy.read(WHOLE, [0]), array[:1])

@@ -31,31 +31,20 @@ def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
 
-def to_physical(
-    raw: Raw,
-    valid: Valid | None,
-    scales: Sequence[float],
-    offsets: Sequence[float],
-    *,
-    nodatas: Sequence[float | None] | None = None,
-) -> FloatArray:
+def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
     """value = raw * scale + offset; NaN where not valid, not finite, or at the limit of float32 or float64.
 
-    Arrays are (band, row, column); `valid` is None if everything is valid. `nodatas` are the nodata values of the
-    bands, if not yet considered in `valid`. The result has `physical_dtype`.
+    Arrays are (band, row, column); `valid` is None if everything is valid. The result has `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):
         numbers, values = raw[band, rows], out[band, rows]
-        nodata = None if nodatas is None else _as_stored(nodatas[band], raw.dtype)
         values[...] = numbers
         with np.errstate(all="ignore"):
             if scales[band] != 1:
                 values *= out.dtype.type(scales[band])
             if offsets[band] != 0:
                 values += out.dtype.type(offsets[band])
-        if nodata is not None:
-            values[numbers == nodata] = np.nan
         if raw.dtype.kind == "f":
             values[_is_endless(numbers) | np.isinf(values)] = np.nan
         if valid is not None:
@@ -79,10 +68,10 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
     """
     valid = None
     for band, nodata in enumerate(nodatas):
-        value = _as_stored(nodata, raw.dtype)
-        if value is None:
+        if nodata is None or nodata != nodata or not holds(raw.dtype, nodata):
             continue
-        found = raw[band] != value
+        with np.errstate(over="ignore"):
+            found = raw[band] != raw.dtype.type(nodata)
         if not found.all():
             valid = np.ones(raw.shape, np.bool_) if valid is None else valid
             valid[band] = found
@@ -104,14 +93,6 @@ def holds(dtype: npt.DTypeLike, number: float) -> bool:
         return True
     limits = np.iinfo(dtype)
     return bool(limits.min <= number <= limits.max) and float(number).is_integer()
-
-
-def _as_stored(nodata: float | None, dtype: np.dtype[Any]) -> Any:
-    """A nodata value in the type of a file; None if the type cannot hold it."""
-    if nodata is None or nodata != nodata or not holds(dtype, nodata):
-        return None
-    with np.errstate(all="ignore"):
-        return dtype.type(int(nodata) if dtype.kind in "iu" else nodata)
 
 
 def same_nodata(a: float | None, b: float | None) -> bool:

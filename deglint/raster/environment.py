@@ -17,8 +17,6 @@ from ..errors import InputError
 
 CACHE = 48 << 20
 """GDAL's block cache [byte]; as tiles are read once, a larger one has no effect."""
-
-
 HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10",
     "GDAL_HTTP_LOW_SPEED_LIMIT": "1000",

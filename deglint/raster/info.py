@@ -20,7 +20,6 @@ import numpy as np
 from ..errors import InputError, ReadError
 from .convert import FlatField, same_nodata
 from .environment import check_size
-from .files import check_after, check_before
 
 Tags = Mapping[str, Mapping[str, str]]
 """Tags by namespace; the default namespace is ""."""
@@ -40,11 +39,6 @@ _FILE_KINDS = (
     (rb"ENVI\s", "is the header of an ENVI file. Name the image beside it"),
     (rb"PK\x03\x04", "is a zip archive. Unpack it, or name the raster in it: /vsizip/{path}/NAME"),
     (rb"\x1f\x8b", "is packed with gzip. Unpack it, or name it /vsigzip/{path}"),
-    (rb"Rar!|7z\xbc\xaf", "is an archive. Unpack it, and name the raster in it"),
-    (rb"\x93NUMPY", "is a NumPy array. Write it as a GeoTIFF first"),
-    (rb"%PDF", "is a PDF without an image that GDAL reads. Name the image itself"),
-    (rb"\x89HDF|CDF[\x01\x02\x05]", "is HDF5 or NetCDF of a kind that GDAL here lacks. Convert it elsewhere"),
-    (rb"\x00\x00\x00\x0cjP  |\xff\x4f\xff\x51", "is JPEG 2000, and damaged or of a kind that this GDAL lacks"),
     (rb"II[*+]\x00|MM\x00[*+]", "begins as a TIFF and is damaged. Copy or download it again"),
     (rb"[\t\n\r\x20-\x7e\x80-\xff]+\Z", f"is a text file. {_OTHERWISE}"),
     (rb"", f"is of no format that is known. {_OTHERWISE}"),
@@ -67,7 +61,7 @@ class RasterInfo:
     offsets: tuple[float, ...]
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
-    colorinterp: tuple[str, ...]  # GDAL's colour interpretation in lower case ("gray", "undefined")
+    colorinterp: tuple[str, ...]  # GDAL's colour interpretation ("gray", "undefined")
     tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* as the file has them, not of changed pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
     mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; none: a mask of its own
@@ -118,7 +112,6 @@ def open_dataset(path: str) -> Any:
     """Open a raster for reading with rasterio; errors become one-line errors."""
     import rasterio
 
-    check_before(path)
     try:
         with quiet():
             dataset = rasterio.open(path, sharing=False)
@@ -126,7 +119,6 @@ def open_dataset(path: str) -> Any:
         raise ReadError(_why_not_opened(path, error)) from error
     try:
         check_size(dataset, path)
-        check_after(dataset, path)
     except BaseException:
         dataset.close()
         raise
@@ -137,8 +129,6 @@ def _why_not_opened(path: str, error: Exception) -> str:
     said = one_line(error)
     if "No such file" in said or "does not exist" in said:
         return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
-    if "Too many open files" in said:
-        return f"cannot open {path}: too many open files. Use fewer --threads, or raise the limit (ulimit -n)."
     if "not recognized as being in a supported file format" in said or "Permission denied" in said:
         return f"{path} is not a raster GDAL can read: it {_what_instead(path)}."
     if re.search(r"codec|not supported|unsupported|plugin|not available|no driver", said, re.IGNORECASE):
@@ -159,8 +149,8 @@ def _what_instead(path: str) -> str:
             head = file.read(_HEAD)
     except PermissionError:
         return f"may not be read by you. Ask for the permission (chmod u+r {path}), or copy it"
-    except (OSError, ValueError):
-        return "is of no format that is known. Convert it to GeoTIFF, or name the raster itself"
+    except OSError:
+        return f"is of no format that is known. {_OTHERWISE}"
     return next(said.format(path=path) for pattern, said in _FILE_KINDS if re.match(pattern, head, re.IGNORECASE))
 
 
@@ -195,10 +185,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     scene band if it has a name, or with `alpha_is_band`.
     """
     try:
-        try:
-            info = _described(dataset, path, alpha_is_band)
-        except gdal_errors():  # what GDAL met in a metadata file beside this one, told at the next call
-            info = _described(dataset, path, alpha_is_band)
+        info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
     except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
@@ -220,7 +207,7 @@ def describe_file(path: str) -> RasterInfo:
 
 
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
-    interp = _colorinterp(dataset)
+    interp = [c.name for c in dataset.colorinterp]
     alpha = next((i for i, name in enumerate(interp, start=1) if name == "alpha"), None)
     name = str(dataset.descriptions[alpha - 1] or "alpha").lower() if alpha else ""
     if alpha and (alpha_is_band or "alpha" not in name):
@@ -279,23 +266,12 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 def _check_length(dataset: Any, path: str) -> None:
     """Reject a raw file that is shorter than its header states: GDAL would return zeros for the rest."""
-    if dataset.driver not in ("ENVI", "EHdr"):
+    if dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
-    if not Path(path).is_file():
-        return
     found = Path(path).stat().st_size
-    with Path(path).open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"  # gzip, which ENVI allows
-    if found < need and not packed:
+    if found < need:
         raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
-
-
-def _colorinterp(dataset: Any) -> list[str]:
-    try:
-        return [c.name.lower() for c in dataset.colorinterp]
-    except ValueError:  # a colour that this rasterio does not know yet
-        return ["undefined"] * dataset.count
 
 
 def _tags(dataset: Any, band: int = 0) -> dict[str, dict[str, str]]:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import re
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -113,32 +113,27 @@ class RasterWriter:
         profile = _profile(layout)
         self._options = {k: v for k, v in profile.items() if k.lower() not in _OF_CONTENT}
         _check_space(path.parent, target, layout, profile)
-        self._dataset: Any = None
-        try:
-            with _refusals(target, layout.options), write_errors(target):
-                with quiet():
-                    self._dataset = rasterio.open(path, "w", **profile)
-                    if layout.overviews:  # the options are possible; they count when the blocks are put in order
-                        self._dataset.close()
-                        plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
-                        self._dataset = rasterio.open(path, "w", **plain)
-                _describe(self._dataset, layout)
-                if layout.masked:
-                    # the mask's header goes before the data, too
-                    self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
-        except BaseException:
-            self.abort()
-            raise
+        with _refusals(target, layout.options), write_errors(target):
+            with quiet():
+                self._dataset = rasterio.open(path, "w", **profile)
+                if layout.overviews:  # the options are possible; they count when the blocks are put in order
+                    self._dataset.close()
+                    plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
+                    self._dataset = rasterio.open(path, "w", **plain)
+            _describe(self._dataset, layout)
+            if layout.masked:
+                # the mask's header goes before the data, too
+                self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self.close()
-        finally:
-            self.abort()
+        if kind is None:
+            self.close()
+        else:
+            with contextlib.suppress(Exception):
+                self._dataset.close()
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
         """Write all bands of a window; a single band may be (row, column)."""
@@ -159,22 +154,14 @@ class RasterWriter:
                 add_overviews(self.path, self._options, average=not self.layout.holds_flags)
         _check_whole(self.path, self.target)
 
-    def abort(self) -> None:
-        """Close the file in whatever state it is."""
-        if self._dataset is not None:
-            with contextlib.suppress(Exception):
-                self._dataset.close()
-
 
 @contextlib.contextmanager
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     """Turn GDAL's warnings on creation options, unknown or not applicable, into errors."""
     said: list[str] = []
-    mine = threading.get_ident()
 
     def listen(record: logging.LogRecord) -> bool:
-        if record.thread == mine and record.levelno >= logging.WARNING:
-            said.append(record.getMessage())
+        said.append(record.getMessage())
         return True
 
     log = logging.getLogger("rasterio._env")
@@ -256,8 +243,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
             copy(path, ordered, driver="GTiff", copy_src_overviews=True, **options)
         ordered.replace(path)
     finally:
-        with contextlib.suppress(OSError):
-            ordered.unlink(missing_ok=True)
+        ordered.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -277,10 +263,8 @@ def write_text(scratch: Scratch, target: Path, text: str) -> None:
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
     """Write a small file."""
-    try:
+    with write_errors(target):
         scratch.add(target).write_bytes(data)
-    except OSError as error:
-        raise WriteError(f"cannot write {target}: {error.strerror or error}.") from error
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:
@@ -292,16 +276,12 @@ def plain(value: Any) -> Any:
     """The value as numbers, text, lists and dicts for JSON; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     return value if isinstance(value, (int, str, type(None))) else str(value)
 
 
@@ -350,8 +330,7 @@ def _describe(dataset: Any, layout: Layout) -> None:
         scales, offsets = [info.scales[b] for b in bands], [info.offsets[b] for b in bands]
         if any(s != 1 for s in scales) or any(o != 0 for o in offsets):
             dataset.scales, dataset.offsets = scales, offsets
-        known = {c.name for c in ColorInterp}
-        colours = [info.colorinterp[b] if info.colorinterp[b] in known else "undefined" for b in bands]
+        colours = [info.colorinterp[b] for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
     if layout.holds_flags:
@@ -384,7 +363,7 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
         need = need * (4 if packed else 8) // 3
     free = free_bytes(directory)
     if free is not None and need > free:
-        less = "leave out its overviews: --co OVERVIEWS=NONE" if packed else "compress the output: --co COMPRESS=ZSTD"
         raise WriteError(
-            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, or {less}"
+            f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, compress "
+            "it (--co COMPRESS=ZSTD), or leave out its overviews (--co OVERVIEWS=NONE)."
         )

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, WriteError
-from .output import Layer, Scratch, plain, write_bytes, write_json
+from ..errors import InputError
+from .output import Layer, plain, write_bytes, write_json
+from .scratch import Scratch, write_errors
 from .targets import Reads, check_targets
 
-Plan = Any
-"""What `deglint.plan.reticle` returns; that room is not imported before it is needed here."""
 Content = bytes | Mapping[str, Any] | Callable[[Path], None]
 _SIGNED = {"software": f"deglint {__version__}"}
 
@@ -38,13 +37,13 @@ def check_plan(
     check_targets(targets, reads, overwrite=overwrite)
 
 
-def write_plan(plan: Plan, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
+def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
     """Write a plan (`deglint.plan.Reticle`) to every target, by its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
     makers: Mapping[str, Callable[[], Content]] = {
         ".png": picture,
-        ".json": lambda: _compact(dataset.document(plan)),
+        ".json": lambda: (json.dumps(plain(_SIGNED | dataset.document(plan)), allow_nan=False) + "\n").encode(),
         ".nc": lambda: partial(_netcdf, dataset.dataset(plan)),
         ".tif": lambda: partial(_geotiff, plan),
     }
@@ -55,17 +54,13 @@ def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -
     """Write pictures or text (bytes), numbers (for JSON), and what a function writes into a path, or none of them."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
-            try:
-                if isinstance(data, Mapping):
-                    write_json(scratch, target, {**_SIGNED, **data})
-                elif callable(data):
+            if isinstance(data, Mapping):
+                write_json(scratch, target, {**_SIGNED, **data})
+            elif callable(data):
+                with write_errors(target):
                     data(scratch.add(target))
-                else:
-                    write_bytes(scratch, target, data)
-            except OSError as error:
-                if isinstance(error, WriteError):
-                    raise
-                raise WriteError(f"cannot write {target}: {error}") from error
+            else:
+                write_bytes(scratch, target, data)
 
 
 def _kind(target: Path) -> str:
@@ -73,23 +68,12 @@ def _kind(target: Path) -> str:
     return ".tif" if ending == ".tiff" else ending
 
 
-def _compact(document: Mapping[str, Any]) -> bytes:
-    """JSON with each table and each layer on one line; the layers contain only finite numbers."""
-    head = _SIGNED | {k: plain(v) for k, v in document.items() if k != "layers"}
-    lines, layers = (
-        [f"{json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
-        for values in (head, document["layers"])
-    )
-    text = "{\n" + ",\n".join([*lines, '"layers": {\n' + ",\n".join(layers) + "\n}"]) + "\n}\n"
-    return text.encode()
-
-
 def _netcdf(data: Any, path: Path) -> None:
     data.attrs |= _SIGNED
     data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
-def _geotiff(plan: Plan, path: Path) -> None:
+def _geotiff(plan: Any, path: Path) -> None:
     """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
     from affine import Affine
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import WriteError
-from .output import Layer, Scratch, write_json
+from .output import Layer, write_json
+from .scratch import Scratch, write_errors
 from .targets import check_targets
 
 CRS = "EPSG:32610"
@@ -23,12 +24,8 @@ CORNER = 600_000.0, 4_070_000.0
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"
 
 
-Simulated = Any
-"""Result of `deglint.simulate.simulate`; that package is not imported here."""
-
-
 def write_scene(
-    scene: Simulated, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
+    scene: Any, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
     """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
 
@@ -48,12 +45,10 @@ def write_scene(
     place: dict[str, Any] = {"crs": CRS, "transform": Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])}
     place |= {"tiled": True, "blockxsize": 256, "blockysize": 256, "interleave": "pixel", "num_threads": 2}
     with Scratch(overwrite=overwrite) as scratch:
-        try:
-            for part, layer in layers.items():
+        for part, layer in layers.items():
+            with write_errors(targets[part]):
                 layer.write(scratch.add(targets[part]), **place)
-            write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
-        except OSError as error:
-            raise WriteError(f"cannot write {base}: {error}") from error
+        write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
     return [*targets.values(), sidecar]
 
 
@@ -70,7 +65,7 @@ def _base(stem: str | Path) -> Path:
     return path.with_suffix("") if path.suffix.lower() in {".tif", ".tiff"} else path
 
 
-def layers_of(scene: Simulated) -> dict[str, Layer]:
+def layers_of(scene: Any) -> dict[str, Layer]:
     """Files of a scene by suffix."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
@@ -120,7 +115,7 @@ def _tags(setup: Any) -> dict[str, str]:
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 
 
-def describe(scene: Simulated, files: Mapping[str, str]) -> dict[str, Any]:
+def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
     """All parameters and results of a scene, for its JSON."""
     import scipy
 

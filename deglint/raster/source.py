@@ -12,9 +12,9 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from typing import Any, Self
 
 import numpy as np
@@ -51,18 +51,6 @@ class FileBands:
             alpha=info.alpha,
             flat=info.flat,
         )
-
-
-class _Handle(ExitStack):
-    """The open datasets of a scene, one per file; used by one thread at a time."""
-
-    def __init__(self, files: Sequence[FileBands]) -> None:
-        super().__init__()
-        try:
-            self.datasets = [_open(file, self) for file in files]
-        except BaseException:
-            self.close()
-            raise
 
 
 class Budget:
@@ -103,7 +91,7 @@ class RasterSource:
     def _start(self) -> None:
         self.budget: Budget | None = None
         self._lock = threading.Lock()
-        self._idle: list[_Handle] = []
+        self._idle: list[list[Any]] = []
         self._closed = False
         self.settled = False  # whether the pixels were asked what the file does not declare
 
@@ -116,7 +104,9 @@ class RasterSource:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"files": tuple(replace(f, path=_absolute(f.path)) for f in self.files), "info": self.info}
+        """The files by absolute paths, for processes in another directory; other GDAL names are unchanged."""
+        paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
+        return {"files": tuple(replace(f, path=p) for f, p in zip(self.files, paths, strict=True)), "info": self.info}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -132,8 +122,8 @@ class RasterSource:
         """Close all handles; later reads raise an error."""
         with self._lock:
             idle, self._idle, self._closed = self._idle, [], True
-        for handle in idle:
-            handle.close()
+        for dataset in chain.from_iterable(idle):
+            dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
         """Physical values of a window.
@@ -157,10 +147,9 @@ class RasterSource:
         ReadError
             The file is truncated or damaged, or this source is closed.
         """
-        raw, valid = self._read(window, bands, nodata=False)
-        every = [nodata for file in self.files for nodata in file.nodatas]
+        raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
-        return to_physical(raw, valid, scales, offsets, nodatas=[every[b] for b in bands])
+        return to_physical(raw, valid, scales, offsets)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
         """All bands of a window as file values, (band, row, column), and the mask of valid pixels.
@@ -169,13 +158,13 @@ class RasterSource:
         alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity are not considered here,
         not even if nodata is NaN, but in `to_physical`. Errors are those of `read`.
         """
-        return self._read(window, range(self.info.count), nodata=True)
+        return self._read(window, range(self.info.count))
 
     def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
         """The result of `read`, from that of `read_raw`: scale and offset applied, NaN where not valid; a new array."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
-    def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
+    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         (top, bottom), (left, right) = window
         if not (0 <= top <= bottom <= self.info.height and 0 <= left <= right <= self.info.width):
             raise InputError(
@@ -186,14 +175,15 @@ class RasterSource:
 
         if self.budget is not None:
             self.budget.spend((bottom - top) * (right - left))
-        place = f"rows {top}-{bottom}, columns {left}-{right}"
-        with env_ctx_if_needed(), self._handle(place) as handle:
-            return self._stacked(handle.datasets, window, bands, nodata=nodata)
+        try:
+            with env_ctx_if_needed(), self._datasets() as datasets:
+                return self._stacked(datasets, window, bands)
+        except gdal_errors() as error:
+            where = f"rows {top}-{bottom}, columns {left}-{right} of {', '.join(self.info.paths)}"
+            raise ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}") from error
 
-    def _stacked(
-        self, datasets: Sequence[Any], window: Window, bands: Sequence[int], *, nodata: bool
-    ) -> tuple[Raw, Valid | None]:
-        """File values, and their validity from masks, alpha and `nodata` (None: all valid)."""
+    def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
+        """File values, and their validity from masks, alpha and nodata (None: all valid)."""
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, self.info.dtype), None
@@ -211,7 +201,7 @@ class RasterSource:
             else:  # rasterio reads bands of several types one by one only
                 for numbers, i in zip(part, indexes, strict=True):
                     dataset.read(i, window=window, out=numbers)
-            known = _validity(file, dataset, part, own, window, nodata)
+            known = _validity(file, dataset, part, own, window)
             if file.flat is not None:
                 for numbers, b in zip(part, own, strict=True):
                     file.flat.apply(numbers, window, file.nodatas[b])
@@ -224,35 +214,18 @@ class RasterSource:
         return raw, valid
 
     @contextmanager
-    def _handle(self, place: str) -> Iterator[_Handle]:
-        """A handle for this thread; returned to the pool unless the read fails."""
+    def _datasets(self) -> Iterator[list[Any]]:
+        """The open datasets of the files for this thread; returned to the pool."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
-            handle = self._idle.pop() if self._idle else None
+            found = self._idle.pop() if self._idle else []
         try:
-            handle = handle or _Handle(self.files)
-            yield handle
-        except BaseException as error:
-            if handle is not None:
-                handle.close()
-            where = f"{place} of {', '.join(self.info.paths)}"
-            if isinstance(error, MemoryError):
-                raise ReadError(f"{where} do not fit into memory. Read smaller windows.") from error
-            if isinstance(error, gdal_errors()):
-                what = f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}"
-                raise ReadError(what) from error
-            raise
-        with self._lock:
-            if not self._closed:
-                self._idle.append(handle)
-                return
-        handle.close()
-
-
-def _absolute(name: str) -> str:
-    """Absolute path of a file, for processes in another directory; other GDAL names are unchanged."""
-    return os.path.abspath(name) if os.path.exists(name) else name  # noqa: PTH100, PTH110  (never raise)
+            found = found or [_open(file) for file in self.files]
+            yield found
+        finally:
+            with self._lock:
+                self._idle.append(found)
 
 
 class ArraySource(RasterSource):
@@ -269,7 +242,7 @@ class ArraySource(RasterSource):
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "values": self.values, "origin": self.origin}
 
-    def _read(self, window: Window, bands: Sequence[int], *, nodata: bool) -> tuple[Raw, Valid | None]:
+    def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))
         _, height, width = self.values.shape
         if not (0 <= rows[0] <= rows[1] <= height and 0 <= columns[0] <= columns[1] <= width):
@@ -280,23 +253,20 @@ class ArraySource(RasterSource):
         together = list(bands) == list(range(first, first + len(bands)))
         chosen = slice(first, first + len(bands)) if together else list(bands)  # a slice copies nothing
         raw = np.array(self.values[chosen, slice(*rows), slice(*columns)], self.info.dtype)
-        return raw, is_valid(raw, [self.info.nodatas[b] for b in bands]) if nodata else None
+        return raw, is_valid(raw, [self.info.nodatas[b] for b in bands])
 
 
-def _open(file: FileBands, stack: ExitStack) -> Any:
+def _open(file: FileBands) -> Any:
     dataset = open_dataset(file.path)
-    stack.callback(dataset.close)  # "with dataset" would tie it to the Env of this thread
     if file.warp is None:
         return dataset
     from rasterio.vrt import WarpedVRT
 
-    warped = WarpedVRT(dataset, **file.warp)
-    stack.callback(warped.close)
-    return warped
+    return WarpedVRT(dataset, **file.warp)
 
 
-def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window, nodata: bool) -> Valid | None:
-    valid = is_valid(raw, [file.nodatas[b] for b in bands]) if nodata else None
+def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:
+    valid = is_valid(raw, [file.nodatas[b] for b in bands])
     masks = []
     if file.dataset_mask:
         masks.append(dataset.read_masks(1, window=window)[np.newaxis] != 0)

@@ -1,26 +1,85 @@
-"""Checks of output names: no input file is replaced, and no existing file without permission.
+"""Names of files: which files are read for an input, and whether an output may be written.
 
-All commands use these checks. Files are compared by device and inode, so that links, other spellings and VRTs of the
-same file are recognised; names of files that do not exist are compared after resolution.
+No input file is replaced, nor any of the files that GDAL reads with it (nested sources of VRTs included), and no
+existing file without permission. Files are compared by device and inode, so that links and other spellings are
+recognised; names of files that do not exist are compared after resolution.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from ..errors import InputError, WriteError
-from .files import COMPANIONS, files_behind, identity, is_utf8, real
+from ..errors import InputError, ReadError, WriteError
+from .info import REMOTE_NAME, open_dataset
 
+COMPANIONS = (".aux.xml", ".msk", ".ovr")
+"""Endings of files beside a raster that GDAL reads with it."""
+_GDAL_PREFIX = re.compile(r"^(/?vsi\w+/)+|^[\w+]+://", re.IGNORECASE)
+_PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
 )
 """File endings that a GeoTIFF should not have."""
 Reads = Mapping[str, Iterable[str | Path]]
 """Names of input files, by their role: "the input", "--mask"."""
+
+
+def identity(path: str | Path) -> tuple[int, int] | str:
+    """Identity of a file under any of its names: device and inode, or the resolved name if it does not exist."""
+    with suppress(OSError, ValueError):
+        found = Path(path).stat()
+        return found.st_dev, found.st_ino
+    return os.path.realpath(path)
+
+
+def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
+    """All files that are read for these names, each once: the names themselves, then the files that belong to them.
+
+    Names are GDAL names, folders or text files. Names that are not files ("auto", "0,0,10,10") are skipped. For a file
+    in an archive, the archive is included. Files that cannot be opened are included by name only.
+    """
+    given = dict.fromkeys(map(str, names))
+    found = {identity(name): name for name in reversed(given)}
+    for name in given:
+        for file in _read_with(name):
+            found.setdefault(identity(file), file)
+    return (*given, *(file for file in found.values() if file not in given))
+
+
+def _read_with(name: str) -> Iterator[str]:
+    """The files that GDAL lists for a raster, or for the VRTs among its sources, and the archives they lie in."""
+    yield from _local(name)
+    waiting, seen = [name, *_local(name)], set[str]()
+    while waiting:
+        file = waiting.pop()
+        if file in seen or REMOTE_NAME.match(file) or file.lower().endswith(_PLAIN_TEXT):
+            continue
+        seen.add(file)
+        try:
+            with open_dataset(file) as dataset:
+                listed, mosaic = dataset.files, dataset.driver == "VRT"
+        except (InputError, ReadError):
+            continue
+        for other in listed:
+            yield from (other, *_local(other))
+            if mosaic:
+                stem = os.path.splitext(other)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
+                beside = *(f"{other}{ending}" for ending in (*COMPANIONS, ".hdr")), f"{stem}.hdr"
+                yield from filter(os.path.exists, beside)
+        waiting += [other for other in listed if mosaic and other.lower().endswith(".vrt")]
+
+
+def _local(name: str) -> list[str]:
+    """The local file that a GDAL name refers to, or the archive that it lies in."""
+    bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
+    if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
+        return []
+    return [str(place) for place in (bare, *bare.parents) if place.is_file()]
 
 
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
@@ -72,15 +131,11 @@ def _companions(path: Path) -> list[Path]:
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
     """Check that one output can be written; inputs are not considered, see `check_targets`."""
-    if str(path) == "-":
-        raise WriteError("- is no file: outputs do not go to standard output. Name a file.")
-    if not is_utf8(path) or not is_utf8(real(path)):
-        raise WriteError(f"the name {os.fsencode(real(path))!r} is not UTF-8, and GDAL writes no other. Name another.")
-    if re.match(r"/vsi|[A-Za-z][\w+.-]+:/", str(path)):
+    if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
         raise WriteError(f"{path} is a directory; name a file in it, such as {path / 'out.tif'}.")
-    directory = real(path).parent
+    directory = path.resolve().parent
     if not directory.is_dir():
         raise WriteError(f"the directory {directory} does not exist. Make it first: mkdir -p {directory}")
     if not os.access(directory, os.W_OK | os.X_OK):

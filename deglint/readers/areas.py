@@ -17,24 +17,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import nearest
-from ..errors import InputError, ReadError
+from ..errors import InputError
 from ..raster import FileBands, RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, quiet
 from ..scene import Scene, Window
-from .grid import at, corners_of, nearest_on, same_grid
+from .grid import at, nearest_on, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
 Mask = npt.NDArray[np.bool_]
 LONGITUDE_LATITUDE = "OGC:CRS84"
-_CRS_NAME = re.compile(
-    r"(?:urn:(?:x-)?ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?([A-Za-z]+)[:/](?:[\w.]*[:/])?(\w+)"
-)
 _POLYGON_CELL = 512
 """Side of the squares in which polygons are rasterised [pixel]."""
-OPTION_WORDS = {"--sample": ("auto", "all"), "--mask": ("auto", "none")}
-"""Words that an option accepts besides file names, for suggestions after a misspelling."""
 _FAR = 1e9
 """Polygon corners further from the scene than this are an error [pixel]."""
 
@@ -91,47 +85,36 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
-        column, row, width, height = _window(text, scene, option)
+        parts = [part.strip() for part in text.split(",")]
+        if len(parts) != 4 or not all(re.fullmatch(r"-?\d+", part) for part in parts) or min(map(int, parts[2:])) < 1:
+            raise InputError(
+                f"{option} {text}: a window is four integers, column,row,width,height [pixel], the last two above 0; "
+                f"such as {option} 0,0,{scene.width},{scene.height}, which is this scene."
+            )
+        column, row, width, height = map(int, parts)
         area = window_area(((row, row + height), (column, column + width)))
         return _inside(area, scene, f"{option} {text}", "A window is column,row,width,height.")
     if Path(text).suffix.lower() in (".geojson", ".json"):
         area = polygons(read_json(text, option), scene, text)
         return _inside(area, scene, f"{option} {text}", "Check the CRS, or draw it anew.")
-    if Path(text).name == text and not Path(text).exists():
-        hint = nearest(text, list(OPTION_WORDS.get(option, ())))
-        if hint:
-            raise ReadError(f"no such file: {text} ({option}){hint}")
     return _raster_area(text, scene, option)
-
-
-def _window(text: str, scene: Scene, option: str) -> list[int]:
-    """Column, row, width and height; the InputError has a valid example."""
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) == 4 and all(re.fullmatch(r"-?\d+", part) for part in parts) and min(map(int, parts[2:])) > 0:
-        return list(map(int, parts))
-    middle = f"{scene.width // 4},{scene.height // 4},{max(scene.width // 2, 1)},{max(scene.height // 2, 1)}"
-    raise InputError(
-        f"{option} {text}: a window is four integers, column,row,width,height [pixel], the last two above 0; "
-        f"such as {option} {middle} in this scene of {scene.width} x {scene.height} pixels."
-    )
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """Polygons of a GeoJSON document, in the scene's coordinates.
 
     The CRS is that of the document's member `crs`, else longitude and latitude (RFC 7946). Coordinates that cannot be
-    longitude and latitude but lie in the scene are assumed to be in the scene's CRS, as are all if the scene has no
-    CRS.
+    longitude and latitude are assumed to be in the scene's CRS, as are all if the scene has no CRS.
     """
-    from rasterio.features import bounds as bounds_of
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
     shapes = [_checked(polygon, name) for polygon in _polygons(document)]
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
-    note = "" if scene.crs is None or document.get("crs") else _own_crs(shapes, scene, name)
-    if note:
+    note = ""
+    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # or longitudes of 0-360
+        note = f"{name} names no CRS, and is not in longitude and latitude: the CRS of the scene is assumed"
         log.info("%s", note)
     elif scene.crs is not None:
         try:
@@ -139,10 +122,8 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
         except gdal_errors(ValueError, IndexError) as error:
             raise InputError(f"{name} has coordinates that do not fit its CRS: {one_line(error)}.") from error
     transform = scene.transform or Affine.identity()
-    boxes = [bounds_of(s) for s in shapes]
-    corners = np.array([(x, y) for left, bottom, right, top in boxes for x in (left, right) for y in (bottom, top)])
     with np.errstate(all="ignore"):
-        columns, rows = at(~transform, corners[:, 0], corners[:, 1])
+        columns, rows = at(~transform, *_corners(shapes).T)
     if not (np.abs([columns, rows]) < _FAR).all():
         raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
     window = (
@@ -152,22 +133,9 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     return Area(window, partial(_in_polygons, shapes, transform, window), note)
 
 
-def _own_crs(shapes: Sequence[Mapping[str, Any]], scene: Scene, name: str) -> str:
-    """Note if coordinates without a CRS are assumed to be the scene's; "" if they are longitude and latitude."""
-    points = np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring])
-    if (np.abs(points) <= (360, 90)).all():  # some programs count longitudes to 360 degrees
-        return ""
-    (left, bottom), (right, top) = points.min(axis=0), points.max(axis=0)
-    edges = [at(scene.transform, *corner) for corner in corners_of(scene)]
-    (west, south), (east, north) = np.min(edges, axis=0), np.max(edges, axis=0)
-    own = scene.crs.to_string() if len(scene.crs.to_string()) < 40 else "that of the scene"
-    if left < east and right > west and bottom < north and top > south:
-        return f"{name} names no CRS, and its coordinates lie in the scene: they are taken to be in its CRS, {own}"
-    raise InputError(
-        f"{name} names no CRS, so its coordinates should be longitude and latitude, but they are x {left:.6g} to "
-        f"{right:.6g}, y {bottom:.6g} to {top:.6g}, and not in the scene either. Save it in EPSG:4326 (ogr2ogr -t_srs "
-        f"EPSG:4326 NEW.geojson {name}), or with its CRS."
-    )
+def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
+    """x and y of every corner, (corner, 2)."""
+    return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
@@ -221,18 +189,13 @@ def _polygons(document: Any) -> Iterator[Any]:
 
 def _checked(coordinates: Any, name: str) -> dict[str, Any]:
     """A checked polygon: closed rings of (x, y), each of at least three different points."""
-    rings = []
-    for ring in coordinates if isinstance(coordinates, list) else [[]]:
-        try:
-            points = [(float(p[0]), float(p[1])) for p in ring]
-        except (TypeError, ValueError, IndexError, KeyError, OverflowError):
-            points = [(np.nan, np.nan)]
-        if not np.isfinite(points).all():
-            raise InputError(f"{name} is not valid GeoJSON: a polygon has a corner that is not two numbers.")
-        if len(set(points)) < 3:
-            raise InputError(f"{name} is not valid GeoJSON: a polygon has fewer than three corners.")
-        rings.append(points if points[0] == points[-1] else [*points, points[0]])
-    return {"type": "Polygon", "coordinates": rings}
+    try:
+        rings = [[(float(x), float(y)) for x, y, *_ in ring] for ring in coordinates]
+    except (TypeError, ValueError, OverflowError):
+        rings = []
+    if not rings or not all(len(set(ring)) > 2 and np.isfinite(ring).all() for ring in rings):
+        raise InputError(f"{name} is not valid GeoJSON: a polygon has at least three corners, each of two numbers.")
+    return {"type": "Polygon", "coordinates": [r if r[0] == r[-1] else [*r, r[0]] for r in rings]}
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
@@ -240,18 +203,11 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
-    text = LONGITUDE_LATITUDE
-    member = document.get("crs")
-    if isinstance(member, Mapping) and isinstance(member.get("properties"), Mapping):
-        text = str(member["properties"].get("name", LONGITUDE_LATITUDE))
-    named = _CRS_NAME.fullmatch(text.strip())
+    named = document.get("crs")
     try:
-        if named:  # nothing else goes to GDAL, which would take it for a file or an address
-            return CRS.from_user_input(f"{named[1]}:{named[2]}")
-        error = None
-    except CRSError as refused:
-        error = refused
-    raise InputError(f"{name} names a CRS that is not known: {text[:80]!r}. Save it in EPSG:4326.") from error
+        return CRS.from_user_input(named["properties"]["name"] if named else LONGITUDE_LATITUDE)
+    except (CRSError, KeyError, TypeError) as error:
+        raise InputError(f"{name} names a CRS that is not known. Save it in EPSG:4326.") from error
 
 
 def _inside(area: Area, scene: Scene, name: str, remedy: str) -> Area:

@@ -202,13 +202,11 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
     from rasterio.errors import CRSError
 
     epsg = array.coords["epsg"].item() if "epsg" in array.coords and array.coords["epsg"].size == 1 else None
-    for said in (grid.get("crs_wkt"), grid.get("spatial_ref"), array.attrs.get("crs"), epsg):
-        try:
-            if said is not None:
-                return CRS.from_user_input(said)
-        except (CRSError, TypeError, ValueError):
-            continue
-    return None
+    said = (grid.get("crs_wkt"), grid.get("spatial_ref"), array.attrs.get("crs"), epsg)
+    try:
+        return next((CRS.from_user_input(text) for text in said if text is not None), None)
+    except (CRSError, TypeError, ValueError):
+        return None
 
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:

@@ -40,42 +40,28 @@ _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellit
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Bands of a scene, the sensor preset that was used, and notes; `stems` are names for unnamed bands."""
     names, unnamed = _names(info, stems)
-    spectra = spectral_of(info)
     bands = [
         Band(
             name=name,
-            wavelength=known.wavelength or (None if i in unnamed else _spelled(name, i)),
+            wavelength=known.wavelength or (None if i in unnamed else wavelength_in_name(name)),
             width=known.width,
             time_offset=time_offset(info.band_tags[i]),
             saturation=saturation(info, i),
         )
-        for i, (name, known) in enumerate(zip(names, spectra, strict=True))
+        for i, (name, known) in enumerate(zip(names, spectral_of(info), strict=True))
     ]
-    notes = []
-    if any(s.assumed for s in spectra):
-        notes.append("wavelengths have no unit: up to 30 they are read as micrometres, above as nanometres")
     bands, preset, told = _with_sensor(bands, info, sensor, unnamed)
     bands, guessed = _from_names(bands, unnamed)
-    return bands, preset, notes + told + guessed
+    return bands, preset, told + guessed
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
     """A description with names, wavelengths and widths of the bands, so that an output has them too."""
-    lacking = [
-        Spectral(None if known.wavelength else b.wavelength, b.width if known.width is None else None)
-        for b, known in zip(bands, spectral_of(info), strict=True)
-    ]
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return with_spectral(replace(info, descriptions=names), lacking)
-
-
-def _spelled(name: str, place: int) -> float | None:
-    """Wavelength in a name, unless the number is that of the band: "Band 400" of a spectrometer."""
-    found = wavelength_in_name(name)
-    return None if found == place + 1 and nominal_wavelength(name) is None else found
+    return with_spectral(replace(info, descriptions=names), [Spectral(b.wavelength, b.width) for b in bands])
 
 
 def _with_sensor(
@@ -208,7 +194,6 @@ def match(
 
 
 def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
-    own = ", ".join(b.name for b in sensor.bands)
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
     elif not product:
@@ -216,12 +201,10 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
         why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
     else:
         why = "the wavelengths in the file are not those of the preset"
-    fits = len(bands) <= len(sensor.bands)
-    example = ",".join(b.name for b in sensor.bands[: len(bands)]) if fits else example_names(len(bands))
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
-        f"preset has {own}. Leave the sensor out, or name the {len(bands)} bands in the file's order, such as "
-        f'--bands "{example}".'
+        f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "
+        f'in the file\'s order, such as --bands "{example_names(len(bands))}".'
     )
 
 

@@ -65,8 +65,7 @@ def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int
     text = str(grid)
     if text.isdecimal() and 1 <= int(text) <= len(infos):
         return int(text) - 1
-    fits = [i for i, info in enumerate(infos) if info.paths[0] == text]
-    fits = fits or [i for i, info in enumerate(infos) if info.paths[0].endswith(text)]
+    fits = [i for i, info in enumerate(infos) if info.paths[0].endswith(text)]
     if len(fits) != 1:
         raise InputError(
             f"grid: allowed are 'finest', a file number 1-{len(infos)} or a file name, got {grid!r}; "

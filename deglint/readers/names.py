@@ -7,10 +7,9 @@ the sensor and is interpreted by the sensor presets.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
+from os.path import commonprefix
 
-T = TypeVar("T")
 _WORDS = {
     425.0: "violet",
     440.0: "coastal coastalblue coastalaerosol aerosol ultrablue deepblue",
@@ -56,13 +55,8 @@ _RANGE = (380.0, 2500.0)
 """Numbers in a name that can be a wavelength [nm]."""
 _YEARS = (1970.0, 2100.0)
 """A number in this range without unit may be a year."""
-_COLOUR_RANGES = {
-    "violet": (380, 450), "coastal": (400, 460), "aerosol": (400, 460), "ultrablue": (400, 460), "blue": (420, 520),
-    "green": (490, 600), "yellow": (560, 630), "orange": (585, 650), "red": (590, 710), "rededge": (670, 800),
-    "rededge4": (840, 890), "nir": (720, 1400), "nearinfrared": (720, 1400), "nearir": (720, 1400),
-    "cirrus": (1330, 1420), "watervapour": (890, 980), "watervapor": (890, 980), "swir": (1000, 2500),
-}  # fmt: skip
-"""Range of wavelengths beside each colour word [nm]."""
+_NEAR_NOMINAL = 0.4
+"""A number beside a colour word is a wavelength if it differs by less than this share from the nominal one."""
 
 
 def wavelength_in_name(name: str) -> float | None:
@@ -87,11 +81,9 @@ def wavelength_in_name(name: str) -> float | None:
             return round(number * 1000, 6)
         year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
         return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
-    limits = _the_one(re.findall(r"[a-z]+", text), _COLOUR_RANGES, longest=2)  # None also where two colours are named
-    if limits is None:
-        return None
+    nominal = nominal_wavelength(name) or 0.0
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
-    fits = [n for n in numbers if limits[0] <= n <= limits[1]]
+    fits = [n for n in numbers if abs(n - nominal) < _NEAR_NOMINAL * nominal]
     return fits[0] if len(fits) == 1 else None
 
 
@@ -101,93 +93,60 @@ def nominal_wavelength(name: str) -> float | None:
     >>> nominal_wavelength("Red Edge"), nominal_wavelength("B5 - Near Infrared"), nominal_wavelength("pan")
     (720.0, 840.0, None)
     """
-    return _the_one(re.findall(r"[a-z]+\d*|\d+", name.lower()), NOMINAL, longest=3)
-
-
-def _the_one(words: Sequence[str], table: Mapping[str, T], *, longest: int) -> T | None:
-    """Table entry of the longest sequence of consecutive words found in the table; None if there are two."""
-    for length in range(longest, 0, -1):
+    words = re.findall(r"[a-z]+\d*|\d+", name.lower())
+    for length in (3, 2, 1):
         joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
-        found = {table[word] for word in joined if word in table}
+        found = {NOMINAL[word] for word in joined if word in NOMINAL}
         if found:
-            return found.pop() if len(found) == 1 else None
+            return found.pop() if len(found) == 1 else None  # None where two colours are named
     return None
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each.
-
-    >>> letter_wavelengths(["R", "G", "B", "NIR"]), letter_wavelengths(["R", "x"])
-    ([660.0, 555.0, 485.0, 840.0], [None, None])
-    """
+    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]
 
 
 def band_code(name: str) -> str | None:
-    """The code of a band in its name, without leading zeros.
-
-    >>> [band_code(n) for n in ("B02", "SR_B2", "band02", "SREFL_B4", "B8A", "nbart_band03", "blue")]
-    ['2', '2', '2', '4', '8a', '3', None]
-    """
+    """The code of a band in its name, without leading zeros."""
     found = _CODE.fullmatch(name.strip().lower())
     return found[1] if found else None
 
 
 def plain_name(name: str) -> str:
-    """A name without prefixes for the kind of value, in lower case.
-
-    >>> plain_name("nbart_red_edge_1"), plain_name("SR_B2"), plain_name("Red")
-    ('red_edge_1', 'b2', 'red')
-    """
+    """A name without prefixes for the kind of value, in lower case."""
     text = name.strip().lower()
     rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
 
 
 def only_numbered(names: Sequence[str]) -> bool:
-    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ...
-
-    >>> only_numbered(["Band 1", "Band_2"]), only_numbered(["band02", "band03"])
-    (True, False)
-    """
+    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ..."""
     found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
     return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Distinguishing parts of the names of one-band files, as names of bands.
-
-    >>> short_names(["T32_B02_10m", "T32_B08_10m"]), short_names(["ortho_red", "ortho_nir"]), short_names(["a", ""])
-    (['B02', 'B08'], ['red', 'nir'], ['a', ''])
-    """
+    """Distinguishing parts of the names of one-band files, as names of bands."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
-    if stems and all(len(c) == 1 for c in codes):
-        return [c[0] for c in codes]
-    own = [s for s in stems if s]
-    split = [re.split(r"([\s_\-.]+)", s) for s in own]
     rest = list(stems)
-    if len(own) > 1 and len(own) == len(stems):
-        front, back = _shared(split), _shared([s[::-1] for s in split])
+    if len(stems) > 1 and all(stems):
+        split = [re.split(r"([\s_\-.]+)", s) for s in stems]
+        least = min(map(len, split)) - 1  # at least one part of each name remains
+        front, back = (
+            min(len(commonprefix(parts)), least)  # noqa: RUF071  (parts of names, not of paths)
+            for parts in (split, [s[::-1] for s in split])
+        )
         cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
         if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
             rest = cut
     return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
-def _shared(parts: Sequence[Sequence[str]]) -> int:
-    """Number of first parts that all names share; at least one part of each name remains."""
-    least = min(map(len, parts)) - 1
-    return next((i for i in range(least) if len({p[i] for p in parts}) > 1), max(least, 0))
-
-
 def example_names(count: int) -> str:
-    """Example of names for `--bands`, for messages; abbreviated above 20 bands.
-
-    >>> example_names(2), example_names(6)
-    ('blue,nir', 'blue,green,red,nir,b5,b6')
-    """
+    """Example of names for `--bands`, for messages; abbreviated above 20 bands."""
     if count > 20:
         return f"b1,b2,...,b{count}"
     return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])

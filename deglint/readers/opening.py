@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -160,12 +161,8 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
         asked = [] if nir is None else split_wanted(nir)
         if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
             return describe(dataset, path, alpha_is_band=True)
-    coloured = set(info.colorinterp) <= {"red", "green", "blue"}
-    names = info.colorinterp if coloured else [f"b{i}" for i in range(1, info.count + 1)]
-    notes.append(
-        f"{path}: band {info.alpha} is alpha (0: not valid), not an image band; if it is one, name the bands: "
-        f'--bands "{",".join([*names, "nir"])}"'
-    )
+    what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
+    notes.append(f"{path}: band {info.alpha} {what}")
     return info
 
 
@@ -199,10 +196,10 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
-    per_band = [f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple)]
-    joined: dict[str, Any] = {
-        name: tuple(value for info in infos for value in getattr(info, name)) for name in per_band if name != "gcps"
-    }
+    per_band = [
+        f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"
+    ]
+    joined: dict[str, Any] = {name: tuple(chain(*(getattr(info, name) for info in infos))) for name in per_band}
     return replace(reference, **joined, alpha=None)
 
 
@@ -241,16 +238,12 @@ class Stated:
         """Store the properties in the description of the stacked bands."""
         total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
-        for option, count, example in (
-            ("bands", len(self.names), f'"{example_names(total)}"; -b chooses bands'),
-            ("wavelengths", len(self.wavelengths), "475,560,..."),
-            ("scale", len(scales), "N, one for all of them"),
-            ("offset", len(offsets), "N, one for all of them"),
-        ):
-            if count not in (0, total):
+        given = {"bands": self.names, "wavelengths": self.wavelengths, "scale": scales, "offset": offsets}
+        for option, values in given.items():
+            if len(values) not in (0, total):
                 raise InputError(
-                    f"--{option} gives {count} and {path} has {total} band{'s' if total > 1 else ''}. Give one for "
-                    f"each band, in the file's order: --{option} {example}."
+                    f"--{option} gives {len(values)} and {path} has {total} bands. Give one for each band, in the "
+                    "file's order; -b chooses bands."
                 )
         return replace(
             with_spectral(info, [Spectral(w) for w in self.wavelengths]) if self.wavelengths else info,
@@ -296,7 +289,7 @@ def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = T
 
 
 def _nanometres(value: float) -> float:
-    found, _ = nanometres(value)
+    found = nanometres(value)
     if found is None or not SPECTRAL_RANGE[0] <= found <= SPECTRAL_RANGE[1]:
         low, high = SPECTRAL_RANGE
         raise InputError(

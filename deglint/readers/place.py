@@ -16,8 +16,8 @@ from .areas import LONGITUDE_LATITUDE, crs_of, geometries
 from .products.metadata import positive
 from .text import read_json
 
-_EQUATOR, _ECCENTRICITY2 = 6_378_137.0, 0.006_694_379_990_14
-"""Radius at the equator [m] and squared eccentricity of the WGS 84 ellipsoid."""
+_GEOCENTRIC = "EPSG:4978"
+"""x, y, z from the centre of the WGS 84 ellipsoid [m]."""
 _TRUE = 0.01
 """Relative error of lengths in a map projection that is neglected: that of UTM is at most 0.001."""
 
@@ -25,41 +25,28 @@ _TRUE = 0.01
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
     """Sides of the central pixel of a raster on the ground, along rows and along columns [m].
 
-    Points one pixel apart are converted to longitude and latitude, and their distance is computed on the ellipsoid:
-    degrees are not metres, and web Mercator's metres are too long by 1 / cos(latitude). None without a valid CRS and
-    transform.
+    Points one pixel apart are placed on the ellipsoid: degrees are not metres, and web Mercator's metres are too long
+    by 1 / cos(latitude). None without a valid CRS and transform.
     """
     from rasterio.warp import transform as to_crs
 
     if transform is None or crs is None or transform.is_identity:
         return None
-    nominal = math.hypot(transform.a, transform.d), math.hypot(transform.b, transform.e)
     x, y = transform * (0.5 * width, 0.5 * height)
-    xs = [x, x + 0.5 * transform.a, x - 0.5 * transform.a, x + 0.5 * transform.b, x - 0.5 * transform.b]
-    ys = [y, y + 0.5 * transform.d, y - 0.5 * transform.d, y + 0.5 * transform.e, y - 0.5 * transform.e]
-    if crs.is_geographic:
-        longitudes, latitudes = xs, ys
-    else:
-        try:
-            longitudes, latitudes = to_crs(crs, LONGITUDE_LATITUDE, xs, ys)
-        except gdal_errors(ValueError):
-            return None
-    if not np.isfinite([longitudes, latitudes]).all() or abs(latitudes[0]) >= 90.0:
+    steps = (transform.a, transform.d), (transform.b, transform.e)
+    xs, ys = zip(*((x + end * dx, y + end * dy) for dx, dy in steps for end in (-0.5, 0.5)), strict=True)
+    try:
+        places = np.array(to_crs(crs, _GEOCENTRIC, xs, ys, zs=[0.0] * 4))
+    except gdal_errors(ValueError):
         return None
-    curved = 1.0 - _ECCENTRICITY2 * math.sin(math.radians(latitudes[0])) ** 2
-    east = math.radians(1.0) * _EQUATOR / math.sqrt(curved) * math.cos(math.radians(latitudes[0]))
-    north = math.radians(1.0) * _EQUATOR * (1.0 - _ECCENTRICITY2) / curved**1.5
-    across, down = (
-        math.hypot(
-            east * ((longitudes[i] - longitudes[j] + 180.0) % 360.0 - 180.0), north * (latitudes[i] - latitudes[j])
-        )
-        for i, j in ((1, 2), (3, 4))
-    )
+    across, down = np.linalg.norm(places[:, 1::2] - places[:, ::2], axis=0).tolist()
+    if not all(0.0 < side < math.inf for side in (across, down)):
+        return None
     if crs.is_projected:
         unit = float(crs.linear_units_factor[1])
-        said = unit * nominal[0], unit * nominal[1]
-        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), said, strict=True)):
-            return said
+        stated = unit * math.hypot(*steps[0]), unit * math.hypot(*steps[1])
+        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), stated, strict=True)):
+            return stated
     return across, down
 
 
@@ -85,38 +72,36 @@ def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | No
     return sides[0] * sides[1] * abs(transform.determinant) / lengths
 
 
-def middle_of(path: str, option: str = "--place") -> tuple[float, float]:
+def middle_of(path: str) -> tuple[float, float]:
     """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):
-        document = read_json(path, option)
-        found = [point for _kind, coordinates in geometries(document) for point in _points(coordinates)]
-        points = np.array(found, dtype=np.float64).reshape(-1, 2)
-        if not len(points) or not np.isfinite(points).all():
-            raise InputError(f"{path} ({option}) holds no point. Draw a point, a line or an area in it.")
+        document = read_json(path, "--place")
+        points = np.array([p for _kind, coordinates in geometries(document) for p in _points(coordinates)])
+        if not len(points):
+            raise InputError(f"{path} (--place) holds no point. Draw a point, a line or an area in it.")
         x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
         crs = crs_of(document, path)
     else:
         with open_dataset(path) as dataset:
             crs, corner = dataset.crs, dataset.transform * (0.5 * dataset.width, 0.5 * dataset.height)
         if crs is None:
-            raise InputError(f"{path} ({option}) has no CRS, so its place is not known. Give --lat and --lon.")
+            raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
         x, y = corner
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:
-        raise InputError(f"{path} ({option}) has a place that cannot be found: {one_line(error)}.") from error
+        raise InputError(f"{path} (--place) has a place that cannot be found: {one_line(error)}.") from error
     if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
-        raise InputError(f"{path} ({option}) lies nowhere on Earth in its CRS. Give --lat and --lon.")
+        raise InputError(f"{path} (--place) lies nowhere on Earth in its CRS. Give --lat and --lon.")
     return float(latitude), float(longitude)
 
 
 def _points(node: Any) -> Iterator[tuple[float, float]]:
     """The positions in the coordinates of a geometry, however deep they lie."""
-    if isinstance(node, list):
-        if len(node) >= 2 and all(isinstance(n, (int, float)) for n in node[:2]):
-            yield float(node[0]), float(node[1])
-        else:
-            for child in node:
-                yield from _points(child)
+    if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
+        yield float(node[0]), float(node[1])
+    elif isinstance(node, list):
+        for child in node:
+            yield from _points(child)

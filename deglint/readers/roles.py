@@ -5,12 +5,11 @@ Roles follow from the wavelength, or from the name if there is none, never from 
 
 from __future__ import annotations
 
-import difflib
 import numbers
 from collections.abc import Sequence
 from typing import Any
 
-from ..checks import check_kind, described
+from ..checks import check_kind, described, nearest
 from ..errors import BandError, InputError
 from ..scene import Scene
 from ..sensors import normalise
@@ -120,18 +119,15 @@ def _no_nir(scene: Scene) -> str:
             "it (deglint remove IN NIR.tif OUT), find targets in it as it is (rxdetect score IN OUT), or plan the next "
             f"flight around glint (deglint plan).{hidden}"
         )
-    if any(w is None for w in known):
-        at = "475,560,668,842" if len(known) == 4 else ",".join(["NM"] * min(len(known), 3)) + ",..."
+    if None in known:
         return (
             f"no band of {what} is known to be near infrared (750-1050 nm); it has {bands}. Name the bands in their "
-            f'order, such as --bands "{example}", or say --wavelengths {at}, --sensor NAME, or the NIR alone: '
-            "--nir NUMBER."
+            f'order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a band), --sensor NAME, or '
+            "the NIR alone: --nir NUMBER."
         )
-    beyond = [i for i, w in enumerate(known) if w is not None and w >= _WATER]
-    near = min(beyond, key=lambda i: abs((known[i] or 0) - NIR_CENTRE))
     return (
         f"no near-infrared band (750-1050 nm) in {what}; it has {bands}. Name another band beyond {_WATER:g} nm to "
-        f"follow, such as --nir {near + 1}, or stack a NIR band of the same image with it."
+        "follow (--nir NUMBER), or stack a NIR band of the same image with it."
     )
 
 
@@ -186,12 +182,9 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     index = _by_role(scene, text)
     if index is not None:
         return index
-    roles = {role: f"{role} (band {i + 1} {scene.names[i]})" for role, i in band_roles(scene).items() if i is not None}
-    known = roles | dict(zip(names, scene.names, strict=True))
-    near = difflib.get_close_matches(text, known, n=1)
-    hint = f" Did you mean {known[near[0]]}?" if near else ""
+    hint = nearest(text, [*scene.names, *_ROLES])
     raise BandError(
-        f"no band {item!r} in {scene.path or 'the scene'}.{hint} Allowed are names and numbers "
+        f"no band {item!r} in {scene.path or 'the scene'}{hint}. Allowed are names and numbers "
         f"1-{len(names)}: {scene.describe_bands()}."
     )
 
@@ -214,9 +207,4 @@ def _reason(scene: Scene, index: int) -> str:
     said = f"NIR is band {index + 1} {band.name}"
     if band.wavelength is None:
         return f"{said}, by its name"
-    limits = _NIR_BEST if band.wavelength <= _NIR_BEST[1] else _NIR_LAST
-    count = sum(w is not None and limits[0] <= w <= limits[1] for w in _wavelengths(scene))
-    return (
-        f"{said} ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm of {count} "
-        f"candidate{'s' if count > 1 else ''} in {limits[0]:g}-{limits[1]:g} nm"
-    )
+    return f"{said} ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm"

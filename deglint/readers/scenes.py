@@ -1,14 +1,10 @@
-"""The list of scenes of a batch: names, patterns, a CSV, or a STAC ItemCollection.
-
-Lists are untrusted: names are checked before they become file names, and the length of a list is limited.
-"""
+"""The list of scenes of a batch: names, patterns, a CSV, or a STAC ItemCollection."""
 
 from __future__ import annotations
 
 import csv
 import glob
 import io
-import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +16,8 @@ from .products import name_of
 from .stac import bands_of_item, items_of, read_document
 from .text import read_text
 
-MOST_SCENES = 1_000_000
-"""Most scenes in a list."""
 LONGEST_NAME = 150
-"""Longest name of a scene [byte]: names of outputs append to it."""
+"""Longest name of a scene: names of outputs append to it."""
 _MAGIC = re.compile(r"[*?\[]")
 
 
@@ -54,26 +48,10 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
         Keys of the assets of a STAC Item that are its bands, in this order; if empty, the assets declared as bands,
         else the only raster of role "data", else the only raster.
     """
-    found: list[ListedScene] = []
-    for text in given:
-        new = list(_of_argument(text, assets))
-        _check_paths(text, new)
-        found.extend(new)
-        if len(found) > MOST_SCENES:
-            raise InputError(f"{text} brings the scenes to more than {MOST_SCENES}. Give a part of them at a time.")
+    found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
         raise InputError(f"no scene is named in {', '.join(given) or 'nothing'}. Name rasters, a CSV or a STAC file.")
     return found
-
-
-def _check_paths(origin: str, scenes: Sequence[ListedScene]) -> None:
-    for path in (p for scene in scenes for p in scene.paths):
-        try:
-            fit = b"\0" not in os.fsencode(path)
-        except UnicodeEncodeError:
-            fit = False
-        if not fit:
-            raise InputError(f"{origin} names a file {path[:80]!r}, which no file can be called. Correct the name.")
 
 
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
@@ -102,14 +80,10 @@ def _stem(path: str) -> str:
 
 def checked_name(name: str, origin: str) -> str:
     """Check that a name can be part of a file name."""
-    try:
-        length = len(os.fsencode(name))
-    except UnicodeEncodeError:
-        length = 0
-    if not 0 < length <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
+    if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
-            f"{origin[:200]}: a scene is called {name[:80]!r}, of which no file name can be made. Allowed are 1 to "
-            f"{LONGEST_NAME} bytes without / and \\ and no dot in front."
+            f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "
+            f"{LONGEST_NAME} letters without / and \\ and no dot in front."
         )
     return in_file_name(name)
 

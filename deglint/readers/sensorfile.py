@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from .. import sensors
+from ..checks import described
 from ..errors import InputError
 from ..raster import RasterInfo
 from ..scene import Scene
@@ -14,16 +15,13 @@ from ..sensors import Optics, Sensor, SensorBand
 from .products.metadata import number, positive
 from .text import read_toml
 
-_KINDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
-    "str": ("a text", lambda v: isinstance(v, str) and bool(v)),
-    "float": ("a number", lambda v: type(v) in (int, float) and 0 <= v < float("inf")),
-    "bool": ("true or false", lambda v: isinstance(v, bool)),
-    "tuple[str, ...]": ("a list of texts", lambda v: isinstance(v, list) and all(isinstance(part, str) for part in v)),
-    "tuple[tuple[str, ...], ...]": ("a list", lambda v: isinstance(v, list)),
-    "tuple[SensorBand, ...]": ("a list", lambda v: isinstance(v, list)),
-    "Optics": ("a table", lambda v: isinstance(v, Mapping)),
+_KINDS: Mapping[str, tuple[str, Any]] = {
+    "str": ("a text", str),
+    "float": ("a number", (int, float)),
+    "bool": ("true or false", bool),
+    "Optics": ("a table", dict),
 }
-"""Types of the fields of a sensor: their name in messages, and the check of an entry."""
+"""Types of the fields of a sensor that are not lists: their name in messages, and the type of an entry."""
 _BAND, _OPTICS, _SENSOR = (
     {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
 )
@@ -33,7 +31,6 @@ _USUAL_WIDTH = 50.0
 """Width of a band if not given [nm]: that of most bands of multispectral sensors."""
 _CENTRE_RANGE = (300.0, 20_000.0)
 """Allowed range of centres [nm]."""
-_STATUS = (sensors.VERIFIED, sensors.UNVERIFIED, "defined")
 
 
 def sensor_of(name: str) -> Sensor:
@@ -42,16 +39,15 @@ def sensor_of(name: str) -> Sensor:
         return sensors.load(name)
     document = read_toml(name, "--sensor")
     if len(document) != 1 or not isinstance(next(iter(document.values())), Mapping):
-        found = ", ".join(map(str, list(document)[:5])) or "nothing"
-        raise InputError(
-            f"{name} (--sensor): want one table, such as [mycamera], with title and bands in it, got {found}."
-        )
+        raise InputError(f"{name} (--sensor): want one table, such as [mycamera], with title and bands in it.")
     ((key, entry),) = document.items()
     where = f"{name} (--sensor): [{key}]"
     checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
     _check(where, entry, _OF_FILE, ("bands",))
     checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
-    _check_names(where, checked)
+    own = [band["name"] for band in checked["bands"]]
+    if not all(isinstance(product, list) and set(product) <= set(own) for product in entry.get("products", ())):
+        raise InputError(f"{where}: products: want lists of {', '.join(own)}.")
     if "optics" in entry:
         _check(f"{where} optics", entry["optics"], _OPTICS)
         checked["optics"] = {"status": "defined"} | dict(entry["optics"])
@@ -86,7 +82,7 @@ def optics_of(scene: Scene) -> KnownOptics | None:
 
 def _band(where: str, band: Any) -> dict[str, Any]:
     if not isinstance(band, Mapping):
-        raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {str(band)[:60]!r}.')
+        raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {described(band)}.')
     _check(where, band, _BAND, ("name", "wavelength"))
     if not _CENTRE_RANGE[0] <= band["wavelength"] <= _CENTRE_RANGE[1]:
         low, high = _CENTRE_RANGE
@@ -94,32 +90,13 @@ def _band(where: str, band: Any) -> dict[str, Any]:
     return {"width": _USUAL_WIDTH} | dict(band)
 
 
-def _check_names(where: str, entry: Mapping[str, Any]) -> None:
-    """Check that names of bands are unique, and that products contain only existing bands."""
-    seen: dict[str, str] = {}
-    for band in entry["bands"]:
-        for name in {sensors.normalise(n) for n in (band["name"], *band.get("aliases", ()))}:
-            if name in seen:
-                raise InputError(f"{where}: bands {seen[name]} and {band['name']} both answer to {name!r}. Rename one.")
-            seen[name] = band["name"]
-    own = [b["name"] for b in entry["bands"]]
-    if not own:
-        raise InputError(f"{where}: bands: want at least one band, got none.")
-    for product in entry.get("products", ()):
-        known = isinstance(product, list) and all(n in own for n in product)
-        if not known:
-            raise InputError(f"{where}: products: want lists of {', '.join(own)}, got {str(product)[:60]}.")
-
-
 def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], needed: tuple[str, ...] = ()) -> None:
     for key, value in entry.items():
         if key not in allowed:
             raise InputError(f"{where}: {key!r} is not one of {', '.join(allowed)}.")
-        wanted, fits = _KINDS[allowed[key]]
-        if not fits(value):
-            raise InputError(f"{where}: {key}: want {wanted}, got {str(value)[:60]!r}.")
-        if key.endswith("status") and value not in _STATUS:
-            raise InputError(f"{where}: {key}: want one of {', '.join(_STATUS)}, got {value[:60]!r}.")
+        wanted, kind = _KINDS.get(allowed[key], ("a list", list))
+        if not isinstance(value, kind):
+            raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
     missing = [key for key in needed if key not in entry]
     if missing:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

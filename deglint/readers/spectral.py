@@ -1,7 +1,6 @@
 """Properties of bands from the tags of a file: wavelength, width, time offset, and saturation.
 
-Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above, with a note on
-this assumption.
+Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above.
 """
 
 from __future__ import annotations
@@ -29,11 +28,10 @@ _WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detect
 
 @dataclass(frozen=True, slots=True)
 class Spectral:
-    """Wavelength and width [nm] of a band, if known; `assumed` if a unit was assumed."""
+    """Wavelength and width [nm] of a band, if known."""
 
     wavelength: float | None = None
     width: float | None = None
-    assumed: bool = False
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
@@ -45,12 +43,12 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
     for i, tags in enumerate(info.band_tags):
         own_unit = _first(tags, _UNIT_TAG, unit)
         ((value, stated),) = _stated(tags, _WAVELENGTH, 1) or wavelengths[i : i + 1] or unknown
-        wavelength, assumed = (None, False) if value is None else nanometres(value, stated or own_unit)
+        wavelength = None if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
         ((value, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
-        found.append(Spectral(wavelength, _width(value, stated or own_unit), assumed))
+        found.append(Spectral(wavelength, _width(value, stated or own_unit)))
     return found
 
 
@@ -58,25 +56,15 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
     """A description with these wavelengths and widths in the tags of its bands; None keeps the existing ones."""
     every = []
     for own, new in zip(info.band_tags, spectra, strict=True):
-        tags: dict[str, Mapping[str, str]] = dict(own)
-        for value, name, keys in (
-            (new.wavelength, "wavelength_nm", (_WAVELENGTH, _UNIT_TAG)),
-            (new.width, "fwhm_nm", (_WIDTH_TAG,)),
-        ):
-            if value is not None:
-                others = {
-                    n: {k: v for k, v in space.items() if not any(key.fullmatch(_key(k)) for key in keys)}
-                    for n, space in tags.items()
-                }
-                tags = {**others, "": {**others.get("", {}), name: f"{value:.10g}"}}
-        every.append(tags)
+        facts = {"wavelength_nm": new.wavelength, "fwhm_nm": new.width}
+        tags = {name: f"{value:.10g}" for name, value in facts.items() if value is not None}
+        every.append({**own, "": {**own.get("", {}), **tags}})
     return replace(info, band_tags=tuple(every))
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
     """A file's description with wavelength, width and full scale in the tags of each band, not of the dataset."""
-    known = zip(info.band_tags, spectral_of(info), strict=True)
-    info = with_spectral(info, [Spectral() if _stated(own, _WAVELENGTH, 1) else found for own, found in known])
+    info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
     tags = ({**t, "": {"FULL_SCALE": _first(t, _FULL_SCALE, full), **t.get("", {})}} for t in info.band_tags)
@@ -115,6 +103,7 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
 
 def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
+    named.sort(key=lambda one: not one[0].endswith("_nm"))  # the tags that `with_spectral` writes come first
     fits = [(value, key.fullmatch(_key(name))) for name, value in named]
     return [(value, match) for value, match in fits if match]
 
@@ -136,22 +125,17 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 def _width(value: float | None, unit: str) -> float | None:
     if value is None:
         return None
-    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))[0]
+    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))
 
 
-def nanometres(value: float, unit: str = "") -> tuple[float | None, bool]:
-    """A wavelength in nm, and whether its unit was assumed from its size.
+def nanometres(value: float, unit: str = "") -> float | None:
+    """A wavelength in nm; without a unit, its size tells. None for units of other kinds.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
-    ((490.0, True), (490, False), (490.0, False))
+    (490.0, 490, 490.0)
     """
     name = unit.strip().lower()
-    if name in ("nm", "nanometer", "nanometers", "nanometre", "nanometres"):
-        return value, False
-    if name.startswith(("um", "µm", "μm", "micro", "micron")):
-        return round(value * 1000, 6), False
-    if name.startswith("angstrom"):
-        return value / 10, False
     if name in ("wavenumber", "index", "ghz", "mhz"):
-        return None, False
-    return (round(value * 1000, 6) if value <= _LARGEST_MICROMETRE else value), True
+        return None
+    micrometres = name.startswith(("um", "µm", "μm", "micro")) or (name[:1] != "n" and value <= _LARGEST_MICROMETRE)
+    return round(value * 1000, 6) if micrometres else value

@@ -27,8 +27,6 @@ LOOKED_AT = 400_000
 """Pixels of a scene that are read; smaller scenes are read as a whole."""
 SAMPLED_SIDE = 128
 """Side of the tiles that are read [pixel]."""
-MOST_TILES = 1 << 18
-"""Most tiles that are considered."""
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
 """Share of the pixels above which one value in all bands, at the edge of the image, is nodata; and the same for values
 of 0 and below, which no sensor measures in all bands."""
@@ -98,20 +96,17 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """All of a small scene; of a larger one some tiles, including the corners and the centres of the edges."""
+    """All of a small scene; of a larger one a lattice of tiles, from corner to corner."""
+    side, size = SAMPLED_SIDE, (scene.height, scene.width)
     if scene.height * scene.width <= LOOKED_AT:
-        return tiling.tiles(scene.height, scene.width, (SAMPLED_SIDE, SAMPLED_SIDE))
-    pitch = SAMPLED_SIDE * max(1, math.isqrt(scene.height * scene.width // (SAMPLED_SIDE * SAMPLED_SIDE * MOST_TILES)))
-    coarse = tiling.tiles(scene.height, scene.width, (pitch, pitch))
-    spread = tiling.spread(coarse, LOOKED_AT * (pitch // SAMPLED_SIDE) ** 2)
+        return tiling.tiles(*size, (side, side))
+    wanted = LOOKED_AT / side**2
+    down = min(max(round(math.sqrt(wanted * scene.height / scene.width)), 3), -(-scene.height // side))
+    across = min(max(round(wanted / down), 3), -(-scene.width // side))
     rows, columns = (
-        sorted({0, max(n // 2 - SAMPLED_SIDE, 0), max(n - SAMPLED_SIDE, 0)}) for n in (scene.height, scene.width)
+        np.linspace(0, max(n - side, 0), count).astype(int) for n, count in zip(size, (down, across), strict=True)
     )
-    edge = [(r, c) for r in rows for c in columns if r in (rows[0], rows[-1]) or c in (columns[0], columns[-1])]
-    return [
-        Tile(r, min(r + SAMPLED_SIDE, scene.height), c, min(c + SAMPLED_SIDE, scene.width))
-        for r, c in [*edge, *((t.row0, t.col0) for t in spread)]
-    ]
+    return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
@@ -156,17 +151,11 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
     """Pixels that are connected, within the tile, to the edge of the image."""
-    import cv2
+    from scipy.ndimage import binary_propagation
 
-    rim = np.zeros_like(mask)
-    rim[0] |= tile.row0 == 0
-    rim[-1] |= tile.row1 == scene.height
-    rim[:, 0] |= tile.col0 == 0
-    rim[:, -1] |= tile.col1 == scene.width
-    if not (mask & rim).any():
-        return np.zeros_like(mask)
-    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=4)
-    return mask & np.isin(labels, np.unique(labels[mask & rim]))
+    (rows, columns), rim = tile.shape, np.ones_like(mask)
+    rim[tile.row0 == 0 : rows - (tile.row1 == scene.height), tile.col0 == 0 : columns - (tile.col1 == scene.width)] = 0
+    return np.asarray(binary_propagation(rim & mask, mask=mask))
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:

@@ -156,8 +156,7 @@ def test_products_without_masks_have_no_footprints(make, sea, tmp_path):
     assert deglint.open_scene(make.landsat(tmp_path, sea())).footprints is None
 
 
-@pytest.mark.parametrize("broken", ["", "<a", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "<a/>"],
-                         ids=["none", "cut off", "entities", "another"])  # fmt: skip
+@pytest.mark.parametrize("broken", ["", "<a", "<a/>"], ids=["none", "cut off", "another"])
 def test_sentinel2_without_sound_metadata_opens_as_it_stands(make, sea, tmp_path, broken):
     scene = deglint.open_scene(make.sentinel2(tmp_path, sea(), metadata=broken))
     assert scene.names == tuple(S2_BANDS)
@@ -165,7 +164,6 @@ def test_sentinel2_without_sound_metadata_opens_as_it_stands(make, sea, tmp_path
     said = [n for n in scene.notes if "scale and offset are not" in n]
     assert len(said) == 1
     assert "--scale" in said[0]
-    assert ("DOCTYPE" in said[0]) == ("DOCTYPE" in broken)
 
 
 def test_landsat_and_planetscope_without_sound_metadata_open_as_they_stand(make, sea, tmp_path):
@@ -210,7 +208,7 @@ def test_several_products_or_none_say_what_to_name(make, sea, tmp_path):
     with pytest.raises(ReadError, match=r"c\.zip.*download it again"):
         deglint.open_scene(tmp_path / "c.zip")
     (tmp_path / "d.tar.gz").write_bytes(b"\x1f\x8b and no more")
-    with pytest.raises(ReadError, match="is compressed: unpack it"):
+    with pytest.raises(ReadError, match="packed with gzip"):
         deglint.open_scene(tmp_path / "d.tar.gz")
 
 
@@ -223,19 +221,6 @@ def test_a_files_own_scale_counts_more_than_the_product_beside_it(make, sea, tmp
     assert scene.source.info.scales == (0.5, 1.0, 1e-4, 1e-4)
     assert sum("its own scale and offset" in n for n in scene.notes) == 1
     assert sum("floating-point numbers are taken as they are" in n for n in scene.notes) == 1
-
-
-def test_metadata_are_bounded_and_stay_inside(make, sea, tmp_path, monkeypatch):
-    import zipfile
-
-    safe = make.sentinel2(tmp_path, sea())
-    monkeypatch.setattr("deglint.readers.products.container.MOST_METADATA_BYTES", 1000)
-    with pytest.raises(InputError, match="too large for metadata"):
-        deglint.open_scene(safe)
-    with zipfile.ZipFile(tmp_path / "x.zip", "w") as archive:
-        archive.writestr("../LC09_L2SP_130039_20220311_20220314_02_T1_SR_B1.TIF", b"")
-        archive.writestr("/etc/LC09_L2SP_130039_20220311_20220314_02_T1_SR_B2.TIF", b"")
-    assert find(str(tmp_path / "x.zip")) is None
 
 
 # ------------------------------------------------------------------------------------------------- commands

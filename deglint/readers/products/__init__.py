@@ -11,37 +11,27 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo
 from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .container import Container, is_archive, open_archive, open_folder
+from .metadata import Container, is_archive, open_archive, open_folder
 from .product import Product, described
 
-_is_dir, _is_file = os.path.isdir, os.path.isfile  # False where a name is too long, where Path raises
-
-
-@dataclass(frozen=True)
-class Family:
-    """A family of products; `metadata` and `images` are regular expressions of file names."""
-
-    title: str
-    metadata: str
-    images: str  # those that may have metadata near
-    find: Callable[[Container], Product | None]
-    above: int = 0  # how many folders above an image its metadata may lie
-
-
-PRODUCTS: dict[str, Family] = {
-    "sentinel2": Family("Sentinel-2 L1C and L2A", sentinel2.METADATA, sentinel2.IMAGES, sentinel2.find, above=4),
-    "landsat": Family("Landsat 8 and 9 Collection 2", landsat.METADATA, landsat.IMAGES, landsat.find),
-    "planetscope": Family("PlanetScope", planetscope.METADATA, planetscope.IMAGES, planetscope.find),
-    "dimap": Family("Pleiades and SPOT 6/7", dimap.METADATA, dimap.IMAGES, dimap.find),
-    "maxar": Family("WorldView and GeoEye", maxar.METADATA, maxar.IMAGES, maxar.find),
-    "drone": Family("MicaSense and DJI captures", drone.METADATA, drone.IMAGES, drone.find),
+PRODUCTS: dict[str, Any] = {
+    "Sentinel-2 L1C and L2A": sentinel2,
+    "Landsat 8 and 9 Collection 2": landsat,
+    "PlanetScope": planetscope,
+    "Pleiades and SPOT 6/7": dimap,
+    "WorldView and GeoEye": maxar,
+    "MicaSense and DJI captures": drone,
 }
-"""Families of products, in the order in which they are tried."""
+"""Modules of the families of products, in the order in which they are tried. METADATA and IMAGES are regular
+expressions of file names: of metadata, and of images that may have metadata near."""
+_FOLDERS_ABOVE = 4
+"""Folders above an image in which the metadata of Sentinel-2 may lie; those of other families lie beside it."""
 
 
 @dataclass(frozen=True)
@@ -62,15 +52,11 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
     try:
         info, notes = drone.with_xmp(describe(path))
     except ReadError as error:
-        local = _local(path)
-        if local is not None and _is_file(local) and re.search(r"\.(?:t?gz|bz2|7z|rar)$", local, re.IGNORECASE):
-            raise ReadError(f"{path} is compressed: unpack it. A .zip or .tar is opened as it is.") from error
-        if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
+        if not _may_be_product(_local(path)):
             raise
-        known = ", ".join(f.title for f in PRODUCTS.values())
         raise ReadError(
-            f"{path} is not a raster GDAL can read, and holds no product that is known with its images ({known}). Name "
-            "the raster files in it."
+            f"{path} is not a raster GDAL can read, and holds no product that is known with its images "
+            f"({', '.join(PRODUCTS)}). Name the raster files in it."
         ) from error
     return OpenedFiles([info], None, notes)
 
@@ -108,13 +94,12 @@ def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | N
 
 def find(path: str) -> Product | None:
     """The product behind a name, or None; metadata and file names are read, no pixels."""
-    local = _local(path)
-    if local is None or not (_is_dir(local) or _is_file(local)):
+    place = _local(path)
+    if place is None:
         return None
-    if not _is_dir(local) and is_archive(local):
-        return _first(open_archive(local))
-    place = Path(local)
-    folder = open_folder(place) if _is_dir(local) else None
+    folder = open_folder(place) if place.is_dir() else None
+    if folder is None and is_archive(place.name):
+        return _first(open_archive(str(place)))
     place = place.absolute()
     for family in PRODUCTS.values():
         root = _root_of(family, place, folder)
@@ -126,67 +111,60 @@ def find(path: str) -> Product | None:
 
 def name_of(path: str) -> str | None:
     """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
-    local = _local(path)
-    if local is None or not (_is_dir(local) or is_archive(local) or _is_metadata(local)):
-        return None
-    try:
-        product = find(path)
-    except DeglintError:  # said where it is opened
-        return None
+    product = _sound(path) if _may_be_product(_local(path)) else None
     return product.name if product else None
 
 
 def files_of(path: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: images, footprints and metadata of a product, else the name itself."""
-    try:
-        product = find(path)
-    except DeglintError:
-        return (path,)
+    product = _sound(path)
     if product is None:
         return (path,)
     footprints = (band.footprint for band in product.bands if band.footprint)
     return tuple(dict.fromkeys((*product.files, *footprints, *product.texts)))
 
 
-def _local(path: str) -> str | None:
-    """A local path; None for other GDAL names."""
-    if path.startswith("zip://") and "!" not in path:
-        path = path[6:]
-    elif path.lower().startswith("/vsizip/") and path.lower().endswith(".zip"):
-        path = path[8:]
-    if re.match(r"/vsi|[A-Za-z][\w+.-]+:", path) or "\0" in path:
+def _sound(path: str) -> Product | None:
+    """The product behind a name; None also where it is damaged, which is said where it is opened."""
+    try:
+        return find(path)
+    except DeglintError:
         return None
-    return path
 
 
-def _is_metadata(path: str) -> bool:
-    return any(re.fullmatch(f.metadata, Path(path).name, re.IGNORECASE) for f in PRODUCTS.values())
+def _local(path: str) -> Path | None:
+    """A local file or folder; None for other GDAL names, and where there is nothing."""
+    if path.lower().endswith(".zip"):
+        path = path.removeprefix("zip://").removeprefix("/vsizip/")
+    return Path(path) if os.path.exists(path) else None  # noqa: PTH110  (Path raises where a name is too long)
+
+
+def _may_be_product(place: Path | None) -> bool:
+    """Whether a local name is a folder, an archive or a metadata file."""
+    if place is None or place.is_dir() or is_archive(place.name):
+        return place is not None
+    return any(re.fullmatch(f.METADATA, place.name, re.IGNORECASE) for f in PRODUCTS.values())
 
 
 def _first(container: Container) -> Product | None:
     return next((p for family in PRODUCTS.values() if (p := _of(family, container)) is not None), None)
 
 
-def _of(family: Family, container: Container) -> Product | None:
+def _of(family: Any, container: Container) -> Product | None:
     """The product of a family in a container, with the names of the metadata files that were read."""
     found = family.find(container)
     read = tuple(container.gdal(member) for member in dict.fromkeys(container.was_read))
     return None if found is None else replace(found, texts=read)
 
 
-def _root_of(family: Family, place: Path, folder: Container | None) -> Path | None:
+def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
     """The folder with the metadata of the product that contains a file, or a folder of images."""
-    wanted = re.compile(family.metadata, re.IGNORECASE)
+    wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
-        part = bool(family.above and folder.find(family.images) and not folder.find(family.metadata))
+        part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))
     elif wanted.fullmatch(place.name):
         return place.parent
     else:
-        part = re.fullmatch(family.images, place.name, re.IGNORECASE) is not None
-    for above in list(place.parents)[: family.above + 1] if part else ():
-        try:
-            if any(map(wanted.fullmatch, os.listdir(above))):  # noqa: PTH208  (faster where a folder is large)
-                return above
-        except OSError:
-            return None
-    return None
+        part = re.fullmatch(family.IMAGES, place.name, re.IGNORECASE) is not None
+    near = list(place.parents)[: above + 1] if part else ()
+    return next((folder for folder in near if any(map(wanted.fullmatch, os.listdir(folder)))), None)  # noqa: PTH208

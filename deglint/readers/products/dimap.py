@@ -14,8 +14,7 @@ from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
-from .container import Container
-from .metadata import angle_tags, positive, said, said_number, tags_of
+from .metadata import Container, angle_tags, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
@@ -164,7 +163,7 @@ def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
     node = _of_band(root, "Band_Spectral_Range", band)
     unit = said(node, "MEASURE_UNIT")
     low, high = (
-        None if (end := positive(said(node, name))) is None else nanometres(end, unit)[0] for name in ("MIN", "MAX")
+        None if (end := positive(said(node, name))) is None else nanometres(end, unit) for name in ("MIN", "MAX")
     )
     if low is None or high is None or high <= low:
         return None, None

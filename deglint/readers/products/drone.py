@@ -22,8 +22,7 @@ import numpy as np
 
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
-from .container import Container
-from .metadata import MetadataError, number, numbers, positive, tags_of, xml_of
+from .metadata import Container, MetadataError, number, numbers, positive, tags_of, xml_of
 from .product import Product, ProductBand, filled
 
 METADATA = r"(?!)"  # each file has its own
@@ -41,8 +40,6 @@ Facts = Mapping[str, Sequence[str]]
 Calibration = tuple[float, str | None, FlatField]
 """Scale and unit, and the black level with what lens and shutter do."""
 _BLACK_LEVEL = 50714  # the tag of DNG, which GDAL does not tell of
-_PLAUSIBLE = (0.1, 10.0)
-"""Range of correction factors: lenses lose less than nine tenths of the light in the corners."""
 
 
 def find(container: Container) -> Product | None:
@@ -68,40 +65,39 @@ def find(container: Container) -> Product | None:
 def _product(container: Container, capture: str, members: list[str]) -> Product | None:
     order = sorted(members, key=lambda m: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", m)])
     infos = [describe_file(container.gdal(m)) for m in order]
-    bands, left, notes, corrected = [], [], list[str](), list[str]()
+    bands, left, notes = [], [], list[str]()
     facts: Facts = {}
     for info in infos:
-        facts, damaged = facts_of(info)
-        found, said_of_it = bands_of(info, facts)
-        notes += damaged
+        facts = facts_of(info)
+        found, corrected = bands_of(info, facts)
         if len(found) != 1:
             continue
         if (found[0].wavelength or 0.0) > THERMAL or found[0].name.casefold() in ("lwir", "panchro"):
             left.append(found[0].name)
         else:
             bands += found
-            corrected += said_of_it
+            notes += corrected
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
         bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
     if left:
-        notes.append(f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
-    notes = list(dict.fromkeys([*notes, *corrected, UNREGISTERED]))
+        notes.insert(0, f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
+    notes = list(dict.fromkeys([*notes, UNREGISTERED]))
     tags = tags_of({"acquired": infos[0].tags.get("", {}).get("TIFFTAG_DATETIME")})
     return Product(_kind(facts), capture, tuple(bands), _sensor(facts), tags, tuple(notes))
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
     """A file's description, with what its XMP says of the bands; as it is where there is none."""
-    facts, notes = facts_of(info)
+    facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
-        return info, notes
+        return info, []
     if any(info.descriptions):  # names that somebody gave in the file count more
         bands = [replace(b, name=d or b.name) for b, d in zip(bands, info.descriptions, strict=True)]
-    notes.append(f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})")
-    return filled(info, tuple(bands), {}, _sensor(facts)), notes + corrected
+    note = f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})"
+    return filled(info, tuple(bands), {}, _sensor(facts)), [note, *corrected]
 
 
 def is_capture(info: RasterInfo) -> bool:
@@ -110,15 +106,12 @@ def is_capture(info: RasterInfo) -> bool:
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
 
-def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
-    """Values in the XMP by name without namespace, and notes if it is damaged."""
-    text = info.tags.get("xml:XMP", {}).get("xml:XMP", "")
-    if not text:
-        return {}, []
+def facts_of(info: RasterInfo) -> Facts:
+    """Values in the XMP by name without namespace; none if it is missing or damaged."""
     try:
-        root = xml_of(text.strip("\0 \n").encode(), f"the XMP of {info.paths[0]}")
-    except MetadataError as error:
-        return {}, [f"{error}, and is not used"]
+        root = xml_of(info.tags.get("xml:XMP", {}).get("xml:XMP", "").strip("\0 \n").encode(), "XMP")
+    except MetadataError:
+        return {}
     found: dict[str, list[str]] = {}
     for node in root.iter():
         for name, value in node.attrib.items():
@@ -128,7 +121,7 @@ def facts_of(info: RasterInfo) -> tuple[Facts, list[str]]:
             items or (node.text or "").strip()
         ):
             found.setdefault(node.tag, items or [(node.text or "").strip()])
-    return found, []
+    return found
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
@@ -175,15 +168,11 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
         return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
     scale, unit, flat = found
     words = [word for word, there in (("vignette", flat.polynomial), ("row gradient", flat.row_gradient)) if there]
-    plausible = _plausible(flat, info)
-    corrected = ", ".join(["exposure, gain and black level", *(words if plausible else ())])
-    notes = [f"{corrected} are corrected as the XMP says"]
-    if words and plausible:
-        notes[0] += "; the numbers become floating point"
-    elif words:
-        notes.append(f"{info.paths[0]}: the vignette or row gradient in its XMP is not plausible: neither is corrected")
+    note = f"{', '.join(['exposure, gain and black level', *words])} are corrected as the XMP says"
+    if words:
+        note += "; the numbers become floating point"
     offset = 0.0 - flat.black * scale  # not -0.0
-    return {"scale": scale, "offset": offset, "unit": unit, "flat": flat if words and plausible else None}, notes
+    return {"scale": scale, "offset": offset, "unit": unit, "flat": flat if words else None}, [note]
 
 
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
@@ -221,15 +210,6 @@ def _dji(facts: Facts) -> Calibration | None:
     if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has done it
         flat = FlatField(black, (centre[0] or 0.0, centre[1] or 0.0), tuple(vignette), corrects=True)
     return factor / (65536 * gain * micro * 1e-6), None, flat
-
-
-def _plausible(flat: FlatField, info: RasterInfo) -> bool:
-    """Whether the correction factors along the edges and the central row and column are plausible."""
-    rows, columns = info.height, info.width
-    lines = [((r, r + 1), (0, columns)) for r in (0, rows // 2, rows - 1)]
-    lines += [((0, rows), (c, c + 1)) for c in (0, columns // 2, columns - 1)]
-    low, high = _PLAUSIBLE
-    return all(bool(((f := flat.factor(line)) > low).all() and (f < high).all()) for line in lines)
 
 
 def _black_level(path: str) -> float | None:

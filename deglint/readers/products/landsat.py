@@ -11,8 +11,7 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
-from .container import Container, last
-from .metadata import angle_tags, positive, said, said_number, tags_of
+from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"

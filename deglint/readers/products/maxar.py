@@ -13,8 +13,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .container import Container, last
-from .metadata import positive, said, tags_of, tree_of
+from .metadata import Container, last, positive, said, tags_of, tree_of
 from .product import Product, ProductBand
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"

@@ -1,43 +1,154 @@
-"""Safe parsing of untrusted metadata: XML without entities, documents of limited size, finite numbers."""
+"""Metadata of products: the folder, zip or tar that holds them, their parsing, and the numbers and angles in them.
+
+XML, JSON and lines of groups are parsed into one kind of tree.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import os
+import re
+import tarfile
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path, PurePosixPath
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from ...errors import InputError
+from ...errors import InputError, ReadError
 
-MOST_LISTED = 10_000
-"""Most numbers of a list that are read: a spectral response has several hundred."""
+MOST_MEMBERS = 20_000
+"""Most members of a folder that are listed: a folder that is no product may be large."""
+_DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
+_ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 
 class MetadataError(InputError):
     """Metadata are damaged, or have the wrong format."""
 
 
-class _Plain(ET.TreeBuilder):
-    """XML tree builder that rejects document types, and with them entities and external references."""
+@dataclass(frozen=True)
+class Container:
+    """A folder or archive, and the names of its members."""
 
-    def doctype(self, *_: Any) -> None:
-        raise MetadataError("it declares a document type (DOCTYPE), which no product's metadata do")
+    path: str
+    kind: str  # "folder", "zip" or "tar"
+    names: tuple[str, ...]  # members, relative, with "/" between folders, sorted
+    named: str | None = None  # the member (a file or a folder) that was meant, where not all of it was
+    was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that `read` has read
+
+    @property
+    def name(self) -> str:
+        """Name of the folder or archive, without .zip or .tar."""
+        return _ARCHIVE.sub("", Path(self.path).absolute().name)
+
+    def gdal(self, member: str) -> str:
+        """GDAL name of a member."""
+        if self.kind == "folder":
+            return str(Path(self.path) / member)
+        return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
+
+    def matches(self, pattern: str) -> list[tuple[str, re.Match[str]]]:
+        """Members whose file name matches a regular expression, and the matches; case is ignored."""
+        fits = re.compile(pattern, re.IGNORECASE)
+        return [(n, match) for n in self.names if (match := fits.fullmatch(last(n)))]
+
+    def find(self, pattern: str) -> list[str]:
+        """Members whose file name matches a regular expression; case is ignored."""
+        return [member for member, _ in self.matches(pattern)]
+
+    def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
+        """The error for several items where one is expected; it lists up to four."""
+        every = list(names)
+        return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
+
+    def beside(self, member: str, name: str) -> str | None:
+        """The member called `name` in the folder of `member`, if there is one."""
+        wanted = (PurePosixPath(member).parent / name).as_posix().casefold()
+        return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
+
+    def read(self, member: str) -> bytes:
+        """Content of a small member."""
+        self.was_read.append(member)
+        try:
+            if self.kind == "zip":
+                with zipfile.ZipFile(self.path) as archive:
+                    return archive.read(member)
+            if self.kind == "tar":
+                with tarfile.open(self.path, "r:") as tar:
+                    held = tar.extractfile(member)
+                    return held.read() if held else b""
+            return (Path(self.path) / member).read_bytes()
+        except _DAMAGED as error:
+            raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
+
+    def tree(self, member: str | None, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
+        """The metadata in a member; None where there is none, or where they are damaged or lack the element `needs`.
+
+        What is damaged is noted in `notes`, in a line that ends with `otherwise`.
+        """
+        if member is None:
+            return None
+        try:
+            root = tree_of(self.read(member), member)
+            if needs and root.find(f".//{needs}") is None:
+                raise MetadataError(f"{member} is damaged: it has no {needs}")
+        except MetadataError as error:
+            notes.append(f"{error}{otherwise}")
+            return None
+        return root
+
+    def metadata(self, members: list[str], what: str, remedy: str, needs: str) -> tuple[ET.Element | None, list[str]]:
+        """The metadata in the first of some members; where they cannot be read, a note that ends with `remedy`."""
+        if not members:
+            return None, [f"{self.path} has no {what}: {remedy}"]
+        notes: list[str] = []
+        return self.tree(members[0], notes, f": {remedy}", needs=needs), notes
+
+
+def last(member: str) -> str:
+    """File name of a member."""
+    return PurePosixPath(member).name
+
+
+def is_archive(path: str) -> bool:
+    """Whether a name has the ending of a supported archive."""
+    return bool(_ARCHIVE.search(path))
+
+
+def open_folder(path: Path, named: str | None = None) -> Container:
+    """List a folder; links to folders are not followed."""
+    files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
+    members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
+    return Container(str(path), "folder", tuple(sorted(members)), named)
+
+
+def open_archive(path: str) -> Container:
+    """List a zip or tar."""
+    kind = path[-3:].lower()
+    try:
+        if kind == "zip":
+            with zipfile.ZipFile(path) as archive:
+                names = [name for name in archive.namelist() if not name.endswith("/")]
+        else:
+            with tarfile.open(path, "r:") as tar:
+                names = [member.name for member in tar if member.isfile()]
+    except _DAMAGED as error:
+        raise ReadError(f"cannot read {path}: {error}. The archive is damaged: download it again.") from error
+    return Container(path, kind, tuple(sorted(names)))
 
 
 def xml_of(data: bytes, name: str) -> ET.Element:
     """The root of an XML document; namespaces are removed from tags."""
-    parser = ET.XMLParser(target=_Plain())
     try:
-        parser.feed(data)
-        root: ET.Element = parser.close()
-    except MetadataError as error:
-        raise MetadataError(f"{name} is refused: {error}") from error
+        root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:
         raise MetadataError(f"{name} is damaged: {error}") from error
     for node in root.iter():
-        if isinstance(node.tag, str):
-            node.tag = node.tag.rpartition("}")[2]
+        node.tag = node.tag.rpartition("}")[2]
     return root
 
 
@@ -46,10 +157,10 @@ def tree_of(data: bytes, name: str) -> ET.Element:
     if name.lower().endswith(".xml"):
         return xml_of(data, name)
     if not name.lower().endswith(".json"):
-        return _grown("", groups_of(_text(data, name)))
+        return _grown("", groups_of(data.decode("utf-8-sig", errors="replace")))
     try:
         return _grown("", json.loads(data))
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise MetadataError(f"{name} is damaged: it is not JSON") from error
 
 
@@ -87,16 +198,6 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
     return found
 
 
-def _text(data: bytes, name: str) -> str:
-    """Text in UTF-8 or, as older products have it, Latin-1."""
-    if b"\0" in data:
-        raise MetadataError(f"{name} is damaged: it is not text")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
 def number(value: Any) -> float | None:
     """A finite number, or None."""
     try:
@@ -113,10 +214,9 @@ def positive(value: Any) -> float | None:
 
 
 def numbers(text: str | None) -> list[float]:
-    """The numbers in a text, separated by blanks or commas; empty if any is not a number, or if there are too many."""
-    parts = (text or "").replace(",", " ").split()
-    found = [n for n in map(number, parts[:MOST_LISTED]) if n is not None]
-    return found if len(found) == len(parts) else []
+    """The numbers in a text, separated by blanks or commas; empty if any is not a number."""
+    found = [number(part) for part in (text or "").replace(",", " ").split()]
+    return [] if None in found else [n for n in found if n is not None]
 
 
 def said(node: ET.Element | None, *paths: str) -> str:

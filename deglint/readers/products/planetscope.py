@@ -12,8 +12,7 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from .container import Container, last
-from .metadata import angle_tags, positive, said, said_number, tags_of
+from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
