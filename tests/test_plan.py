@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint, slopes, sun, water
+from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
@@ -106,12 +107,12 @@ def test_water_is_that_of_the_physics_room_at_every_nanometre(zenith, band):
     edges = made.channels[0]
     wave = np.arange(edges.low, min(edges.high, 1000.0) + 0.5)[:, None, None]
     direct, diffuse = atmosphere.irradiance(wave, zenith, made.weather)
-    viewing_geometries = (wave, 0.5, zenith, views[:, None], turns - 270.2)
-    deep = water.remote_sensing_reflectance(*viewing_geometries) * (direct + diffuse)
-    over = water.object_reflectance(
-        *viewing_geometries, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse)
+    sea, angles = case1(wave, 0.5), (zenith, views[:, None])
+    deep = water.deep_reflectance(sea, *angles, turns - 270.2)
+    over = water.submerged_reflectance(
+        sea, deep, *angles, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse)
     )
-    np.testing.assert_allclose(found.background[0], deep.mean(axis=0), rtol=1e-10)
+    np.testing.assert_allclose(found.background[0], (deep * (direct + diffuse)).mean(axis=0), rtol=1e-10)
     np.testing.assert_allclose(found.target[0], (over * (direct + diffuse)).mean(axis=0), rtol=1e-10)
     assert found.direct[0] == pytest.approx(direct.mean())
     assert found.diffuse[0] == pytest.approx(diffuse.mean())
@@ -185,7 +186,7 @@ def test_objects_against_the_monte_carlo():
     if not path.exists():
         pytest.skip(f"{path.name} does not lie beside the project")
     rows = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
-    sea = water.case1(rows["lam"], rows["chl"])
+    sea = case1(rows["lam"], rows["chl"])
     geometry = (30.0, rows["theta_v"])
     thing = {"depth": rows["H"], "reflectance": rows["rho"]}
     alone = water.absorption_only_reflectance(sea, *geometry, **thing)

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deglint.errors import InputError
-from deglint.physics import fresnel, water
+from deglint.physics import fresnel
+from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand
 from deglint.simulate import Artefacts, Bottom, FloatingTarget, Setup, simulate, simulate_together, square, whitecaps
@@ -96,7 +97,7 @@ def test_light_over_a_bottom_falls_off_as_beer_and_lambert_say(angle, sun, chlor
     bottom = Bottom(materials=("sand", "algae"))
     setup = replace(SEA, sensor=NARROW, view_zenith=angle, sun_zenith=sun, chlorophyll=chlorophyll, bottom=bottom)
     lit = light(setup)
-    here = water.case1(550.0, setup.chlorophyll)
+    here = case1(550.0, setup.chlorophyll)
     k, u = here.absorption + here.backscattering, here.backscattering / (here.absorption + here.backscattering)
     down, up = (1 / np.cos(np.radians(fresnel.refraction_angle(a))) for a in (setup.sun_zenith, angle))
     near, far = 95, 115  # 12 and 32 m: light that the bottom sends up and the surface back is past

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ..errors import BandError
 from ..physics import atmosphere, glint, sun, water
+from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
 from .skylight import skylight
@@ -206,9 +207,9 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     wavelength, mean = band_means(mission.channels)
     sun_zenith, sun_azimuth = mission.sun
     direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
-    sea = water.case1(wavelength, mission.chlorophyll)
+    sea = case1(wavelength, mission.chlorophyll)
     terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
-    angular = water.lee_2011_grid(sun_zenith, zenith, azimuth - sun_azimuth)
+    angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
     background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
     kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
     target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
@@ -217,12 +218,12 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     return Light(level, mean(diffuse), level / np.cos(np.radians(sun_zenith)), background, target)
 
 
-def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
+def _through(mission: Mission, sea: Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
     """Fraction of the deep-water light that comes from above the object, and light of the object itself.
 
     Both are (wavelength, zenith).
     """
-    column = water.Iops(*(np.asarray(part)[:, None] for part in sea))
+    column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
     given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
     if mission.water == "absorption":

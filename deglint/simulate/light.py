@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import atmosphere, water
+from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means
 from .bottom import LEAST_DEPTH, MOST_DEPTH
 from .materials import reflectance
@@ -42,14 +43,14 @@ def light(setup: Setup) -> Light:
     wavelength, mean = band_means(setup.sensor.bands)
     direct, diffuse = atmosphere.irradiance(wavelength, setup.sun_zenith, setup.weather)
     total, share = direct + diffuse, direct / (direct + diffuse)
-    angles = setup.sun_zenith, setup.view_zenith, (setup.view_azimuth - setup.sun_azimuth) % 360.0
-    deep = water.remote_sensing_reflectance(wavelength, setup.chlorophyll, *angles)
+    angles, sea = (setup.sun_zenith, setup.view_zenith), case1(wavelength, setup.chlorophyll)
+    deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
     def over(depth: Array | float, albedo: Array | float) -> Array:
         """Radiance over a flat Lambertian ground at a depth, (band, ...)."""
-        column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (wavelength, total, share)]
-        seen = water.object_reflectance(
-            column[0], setup.chlorophyll, *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
+        column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
+        seen = water.submerged_reflectance(
+            Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
         )
         return mean(seen * column[1])
 
