@@ -11,6 +11,7 @@ from deglint.errors import InputError, WriteError
 from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
+from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
 from deglint.simulate.facets import facets
@@ -143,7 +144,10 @@ def test_sparkle_forgets_as_the_spectrum_says():
     phase = frequencies[choice][..., None] * np.concatenate([[0.0], lags])
     tilt = amplitudes[..., 0:1] * np.cos(phase) + amplitudes[..., 1:2] * np.sin(phase)
     got = (tilt[..., 1:] * tilt[..., :1]).mean(axis=(0, 1)) / (tilt[..., 0] ** 2).mean()
-    expected = waves.slope_correlation(lags, setup.sea, longest=2 * setup.facet)
+    k = waves.wavenumbers(setup.sea, longest=2 * setup.facet)
+    weight = waves.omnidirectional(k, setup.sea) * k**3
+    moved = np.trapezoid(weight * np.cos(lags[:, None] * dispersion(k)), np.log(k))
+    expected = moved / np.trapezoid(weight, np.log(k))
     np.testing.assert_allclose(got, expected, atol=0.02)
     for t in range(5):
         assert tilt[..., t].var() == pytest.approx(sea.sparkle[0], rel=0.02)

@@ -31,7 +31,7 @@ WIND_RANGE = (0.1, 20.0)
 """Range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14."""
 _DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
 _KARMAN = 0.4
-_FEW = 10_000
+_ERFC = np.vectorize(math.erfc, otypes=[float])  # scipy.special takes long to import
 
 
 @dataclass(frozen=True)
@@ -246,16 +246,7 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
     angle = np.radians(np.maximum(zenith, 1e-6))
     v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
-    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * _erfc(v)) / (2.0 * v * np.sqrt(np.pi))
-
-
-def _erfc(values: Array) -> Array:
-    """Complementary error function; few values are computed without scipy.special, whose import is slow."""
-    if values.size > _FEW:
-        from scipy.special import erfc
-
-        return np.asarray(erfc(values))
-    return np.reshape([math.erfc(v) for v in values.ravel().tolist()], values.shape)
+    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * _ERFC(v)) / (2.0 * v * np.sqrt(np.pi))
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:

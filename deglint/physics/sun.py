@@ -11,12 +11,10 @@ Reda, Andreas (2004), "Solar position algorithm for solar radiation applications
 
 from __future__ import annotations
 
-import sys
 from datetime import UTC, datetime
 from functools import cache
-from importlib import import_module
-from importlib.machinery import PathFinder
-from importlib.util import find_spec, module_from_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -170,13 +168,12 @@ def moment(time: Any) -> np.datetime64:
 @cache
 def _spa() -> Any:
     """The module pvlib.spa alone: it needs only numpy, while importing all of pvlib takes a second."""
-    known = sys.modules.get("pvlib.spa")
     package = find_spec("pvlib")
-    if known is not None or package is None or package.submodule_search_locations is None:
-        return known or import_module("pvlib.spa")
-    found = PathFinder.find_spec("spa", list(package.submodule_search_locations))
-    if found is None or found.loader is None:
-        return import_module("pvlib.spa")
+    assert package is not None
+    assert package.origin is not None
+    found = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
+    assert found is not None
+    assert found.loader is not None
     module = module_from_spec(found)
     found.loader.exec_module(module)
     return module

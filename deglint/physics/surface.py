@@ -76,7 +76,7 @@ class Surface:
         rows, columns = self.shape
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
-        physics = (SURFACE_TENSION, GRAVITY, self.sea.depth or 0.0)
+        physics = SURFACE_TENSION, GRAVITY
         by_rows(lambda *slab: evolve(self.amplitudes, out, slab, steps, time, slopes, physics), rows // 2 + 1, workers)
         return fft.ifft2(out, norm="forward", overwrite_x=True, workers=workers)
 
@@ -183,7 +183,7 @@ def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], t
     density = np.log(np.maximum(omnidirectional(k, sea), 1e-300))
     convention = spread_convention(sea)
     if convention == "elfouhaily":
-        spread, how = elfouhaily_spread(k, wind=sea.wind, age=sea.age), (ELFOUHAILY, 0.0, 0.0, sea.opposing)
+        spread, how = elfouhaily_spread(k, wind=sea.wind), (ELFOUHAILY, 0.0, 0.0, sea.opposing)
     else:
         kind = HALF_ANGLE if convention == "half-angle" else FULL_ANGLE
         spread, how = np.zeros(1), (kind, float(sea.exponent), spreading_norm(sea.exponent, convention), 0.0)
