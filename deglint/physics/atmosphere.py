@@ -46,36 +46,16 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class Air:
-    """State of the atmosphere.
+    """State of the atmosphere."""
 
-    Raises InputError: a value is out of range.
-
-    Attributes
-    ----------
-    air_mass_type : float
-        1 for air of the open ocean to 10 for that of a continent.
-    humidity : float
-        Relative humidity [%].
-    water_vapour : float
-        Water column [cm].
-    wind_mean, wind : float
-        Mean wind of the last 24 hours, and that of now, at 10 m [m/s].
-    visibility : float
-        Horizontal visibility [km].
-    ozone : float
-        Ozone column [DU]; see `ozone` for a climatology.
-    pressure : float
-        At the surface [hPa].
-    """
-
-    air_mass_type: float = 1.0
-    humidity: float = 80.0
-    water_vapour: float = 1.5
-    wind_mean: float = 5.0
-    wind: float = 5.0
-    visibility: float = 15.0
-    ozone: float = 300.0
-    pressure: float = STANDARD_PRESSURE
+    air_mass_type: float = 1.0  # 1 for air of the open ocean to 10 for that of a continent
+    humidity: float = 80.0  # relative [%]
+    water_vapour: float = 1.5  # water column [cm]
+    wind_mean: float = 5.0  # of the last 24 hours, at 10 m [m/s]
+    wind: float = 5.0  # of now, at 10 m [m/s]
+    visibility: float = 15.0  # horizontal [km]
+    ozone: float = 300.0  # ozone column [DU]; see `ozone` for a climatology
+    pressure: float = STANDARD_PRESSURE  # at the surface [hPa]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -84,22 +64,12 @@ class Air:
 
 
 class Aerosol(NamedTuple):
-    """Optical parameters of the aerosol.
+    """Optical parameters of the aerosol [1]; its depth is turbidity wavelength^-exponent, the wavelength in um."""
 
-    Attributes
-    ----------
-    exponent, turbidity : float
-        Angstrom's alpha and beta: depth = beta wavelength^-alpha with the wavelength in um [1].
-    asymmetry : float
-        Mean cosine of the scattering angle [1].
-    albedo : float
-        Share of the extinction that is scattering [1].
-    """
-
-    exponent: float
-    turbidity: float
-    asymmetry: float
-    albedo: float
+    exponent: float  # Angstrom's alpha
+    turbidity: float  # Angstrom's beta
+    asymmetry: float  # mean cosine of the scattering angle
+    albedo: float  # share of the extinction that is scattering
 
 
 class Spectrum(NamedTuple):
@@ -128,8 +98,6 @@ def irradiance(
     **params: float,
 ) -> Irradiance:
     """Direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
-
-    Raises InputError: a value is out of range.
 
     Parameters
     ----------
@@ -176,10 +144,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm.
-
-    Raises InputError: a wavelength is below 300 or above 1000 nm.
-    """
+    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm."""
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
@@ -210,8 +175,6 @@ def navy_aerosol(air: Air) -> Aerosol:
 def air_mass(sun_zenith: npt.ArrayLike) -> Array:
     """Relative air mass: path through the air over that to the zenith [1] (Kasten and Young 1989).
 
-    Raises InputError: the sun is below the horizon.
-
     Examples
     --------
     >>> float(air_mass(60.0).round(4))
@@ -232,8 +195,6 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
     """Climatological ozone column for a place and day [DU] (Van Heuklon 1979).
-
-    Raises InputError: a value is out of range.
 
     Parameters
     ----------

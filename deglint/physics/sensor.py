@@ -28,25 +28,13 @@ LIGHT_SPEED = 299792458.0
 
 @dataclass(frozen=True, kw_only=True)
 class SensorBand:
-    """One band of a sensor.
-
-    Attributes
-    ----------
-    name : str
-        Name of the band.
-    low, high : float
-        Edges of the band [nm].
-    full_scale : float
-        Radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it.
-    time_offset : float
-        Time after the first band [s].
-    """
+    """One band of a sensor."""
 
     name: str
-    low: float
-    high: float
-    full_scale: float
-    time_offset: float = 0.0
+    low: float  # edge [nm]
+    high: float  # edge [nm]
+    full_scale: float  # radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it
+    time_offset: float = 0.0  # after the first band [s]
 
     @property
     def wavelength(self) -> float:
@@ -61,49 +49,21 @@ class SensorBand:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """Optics, detector and bands.
-
-    Attributes
-    ----------
-    name : str
-        Name of the sensor.
-    bands : tuple of SensorBand
-        In file order.
-    gsd : float
-        Ground sampling distance [m].
-    f_number : float
-        Focal length over aperture.
-    pitch : float
-        Detector pitch [m].
-    smear : float
-        Motion during the exposure, along the columns of the image [pixel].
-    jitter : float
-        Standard deviation of the line of sight, per axis [pixel].
-    quantum_efficiency, transmission : float
-        Electrons per photon, and share of light that the optics pass.
-    well : float
-        Electrons at full scale.
-    read_noise : float
-        Standard deviation [electrons].
-    dark_current : float
-        [electrons/s]
-    bits : int
-        Of the quantisation.
-    """
+    """Optics, detector and bands."""
 
     name: str
-    bands: tuple[SensorBand, ...]
-    gsd: float
-    f_number: float
-    pitch: float
-    smear: float = 0.5
-    jitter: float = 0.0
-    quantum_efficiency: float = 0.8
-    transmission: float = 0.8
-    well: float = 100_000.0
-    read_noise: float = 12.0
-    dark_current: float = 0.0
-    bits: int = 12
+    bands: tuple[SensorBand, ...]  # in file order
+    gsd: float  # ground sampling distance [m]
+    f_number: float  # focal length over aperture
+    pitch: float  # of the detector [m]
+    smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
+    jitter: float = 0.0  # standard deviation of the line of sight, per axis [pixel]
+    quantum_efficiency: float = 0.8  # electrons per photon
+    transmission: float = 0.8  # share of light that the optics pass
+    well: float = 100_000.0  # electrons at full scale
+    read_noise: float = 12.0  # standard deviation [electrons]
+    dark_current: float = 0.0  # [electrons/s]
+    bits: int = 12  # of the quantisation
 
     def __post_init__(self) -> None:
         within("gsd", self.gsd, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
@@ -120,13 +80,7 @@ class Sensor:
         return (1 << self.bits) - 1
 
     def band(self, name: str) -> SensorBand:
-        """Band by name (case does not matter).
-
-        Raises
-        ------
-        BandError
-            No such band; the message lists them.
-        """
+        """Band by name (case does not matter); BandError, which lists them, if there is none."""
         for b in self.bands:
             if b.name.casefold() == name.strip().casefold():
                 return b

@@ -42,8 +42,6 @@ def radiance(
 
         (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
 
-    Raises InputError: a zenith angle is out of range, or there is no such sky.
-
     Parameters
     ----------
     zenith, azimuth : array_like
@@ -100,8 +98,6 @@ def reflectance(
     `slopes.hidden`), by Gauss-Legendre quadrature over the slopes. Times pi it is the effective reflectance
     under a uniform sky. Facets that face away from the sensor, or mirror the sea instead of the sky, add
     nothing.
-
-    Raises InputError: a value is out of range, or there is no such model.
 
     Parameters
     ----------

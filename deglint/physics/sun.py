@@ -46,8 +46,6 @@ def position(
 ) -> Position:
     """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
 
-    Raises InputError: a coordinate is out of range, or a time cannot be read.
-
     Parameters
     ----------
     latitude, longitude : array_like
@@ -82,8 +80,6 @@ def position(
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     """Next sunrise (centre of the sun) within a day, to about a minute.
 
-    Raises InputError: a coordinate is out of range, or the time cannot be read.
-
     Parameters
     ----------
     latitude, longitude, time
@@ -110,8 +106,6 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
 def distance_factor(day: npt.ArrayLike) -> Array:
     """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
-
-    Raises InputError: the day is out of range.
 
     Parameters
     ----------
@@ -140,8 +134,6 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 def day_of_year(time: Any) -> Array:
     """Day of the year with its fraction, 1.0 at the start of the first of January UTC, for times as in `position`.
 
-    Raises InputError: a time cannot be read.
-
     Examples
     --------
     >>> float(day_of_year("2026-02-01T12:00"))
@@ -154,8 +146,6 @@ def day_of_year(time: Any) -> Array:
 
 def moment(time: Any) -> np.datetime64:
     """A time as in `position`, in UTC to the second.
-
-    Raises InputError: the time cannot be read.
 
     Examples
     --------

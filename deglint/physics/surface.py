@@ -28,27 +28,13 @@ SLABS = 16
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One realisation of a random sea surface.
-
-    Attributes
-    ----------
-    sea : Sea
-        The wind sea.
-    spacing : float
-        Grid step [m].
-    amplitudes : (row, column) complex64 ndarray
-        Amplitudes of the waves at time zero, in FFT order [m].
-    height_variance : float
-        Expected variance of the height on this grid [m2].
-    slope_variance : (float, float)
-        Expected variance of the slope upwind and crosswind on this grid.
-    """
+    """One realisation of a random sea surface; the variances are those expected on its grid."""
 
     sea: Sea
-    spacing: float
-    amplitudes: Complex = field(repr=False)
-    height_variance: float
-    slope_variance: tuple[float, float]
+    spacing: float  # grid step [m]
+    amplitudes: Complex = field(repr=False)  # of the waves at time zero, (row, column) complex64 in FFT order [m]
+    height_variance: float  # [m2]
+    slope_variance: tuple[float, float]  # upwind and crosswind
 
     @property
     def shape(self) -> tuple[int, int]:

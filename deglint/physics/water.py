@@ -40,8 +40,6 @@ def deep_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep water [1/sr], by Lee et al. (2011), outside its table by Lee et al. (1999).
 
-    Raises InputError: an angle is out of range.
-
     Parameters
     ----------
     water : Iops
@@ -122,8 +120,6 @@ def submerged_reflectance(
 
     D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the transmittances
     of the surface.
-
-    Raises InputError: a value is out of range.
 
     Parameters
     ----------

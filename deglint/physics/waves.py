@@ -33,36 +33,16 @@ SHORT_WAVES = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Sea:
-    """A wind sea.
+    """A wind sea; spreads by default as Elfouhaily's waves do for their spectrum, else by half-angle cos-2s."""
 
-    Attributes
-    ----------
-    wind : float
-        Wind speed at 10 m [m/s], 1 to 20.
-    wind_from : float
-        Where the wind blows from [deg clockwise from north].
-    spectrum : {"elfouhaily", "jonswap", "pierson-moskowitz"}
-        Shape of the spectrum.
-    fetch : float
-        Distance over which the wind has blown [m]; JONSWAP only.
-    spreading : {"elfouhaily", "half-angle", "full-angle"}, optional
-        Directional spreading about the wind; by default that of Elfouhaily for its spectrum, else half-angle cos-2s.
-    exponent : float
-        s of the cos-2s spreading. 2 gives the anisotropy of Cox and Munk at 9 m/s.
-    opposing : float
-        Share of the energy that Elfouhaily's waves carry against the wind, 0 to 0.5.
-    short_gain : float
-        Factor on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance.
-    """
-
-    wind: float
-    wind_from: float = 0.0
+    wind: float  # at 10 m [m/s], 1 to 20
+    wind_from: float = 0.0  # where the wind blows from [degree clockwise from north]
     spectrum: Spectrum = "elfouhaily"
-    fetch: float = 100e3
+    fetch: float = 100e3  # distance over which the wind has blown [m]; JONSWAP only
     spreading: Spreading | None = None
-    exponent: float = 2.0
-    opposing: float = 0.0
-    short_gain: float = 1.0
+    exponent: float = 2.0  # s of the cos-2s spreading; 2 gives the anisotropy of Cox and Munk at 9 m/s
+    opposing: float = 0.0  # share of the energy that Elfouhaily's waves carry against the wind, 0 to 0.5
+    short_gain: float = 1.0  # on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance
 
     def __post_init__(self) -> None:
         choice("spectrum", self.spectrum, get_args(Spectrum))
