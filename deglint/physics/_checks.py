@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
+Range = tuple[float, float, str, str]
+"""Lowest and highest value, unit, and remedy."""
 VIEW_LIMIT = 89.0
 """Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
@@ -29,6 +32,17 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
         worst = float(array[bad].flat[0]) if array.ndim else float(array)
         raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {worst:g}. {remedy}")
     return array
+
+
+def check_fields(values: object, ranges: Mapping[str, Range]) -> None:
+    """Check the fields of a dataclass that have a range; None is allowed.
+
+    Raises InputError: a value lies outside its range, or is not a finite number.
+    """
+    for name, limits in ranges.items():
+        value = getattr(values, name)
+        if value is not None and np.isnan(within(name, value, *limits)).any():
+            raise InputError(f"{name} must be a finite number, got {value}; give one.")
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

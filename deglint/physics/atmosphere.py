@@ -16,14 +16,14 @@ Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from . import sun
-from ._checks import Array, coordinates, day_number, sun_angle, within
+from ._checks import Array, Range, check_fields, coordinates, day_number, sun_angle
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
@@ -32,7 +32,7 @@ STANDARD_PRESSURE = 1013.25
 _SCALE_HEIGHT = 1.0  # of aerosol [km]
 _RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
 _MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
-_LIMITS = {
+_RANGES: dict[str, Range] = {
     "air_mass_type": (1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent."),
     "humidity": (0.0, 100.0, "%", "Give relative humidity."),
     "water_vapour": (0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical."),
@@ -58,9 +58,7 @@ class Air:
     pressure: float = STANDARD_PRESSURE  # at the surface [hPa]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = within(field.name, getattr(self, field.name), *_LIMITS[field.name])
-            object.__setattr__(self, field.name, float(value))
+        check_fields(self, _RANGES)
 
 
 class Aerosol(NamedTuple):

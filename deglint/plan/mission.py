@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import choice, coordinates, within
+from ..physics._checks import Range, check_fields, choice
 from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -29,6 +28,29 @@ SUN_LIMIT = 89.0
 """Sun zenith angle beyond which no plan is computed [degree]."""
 COARSE_STEP = 2.0
 """Least step between viewing geometries in plans that need many reticles [degree]."""
+
+_LIMIT_RANGES: dict[str, Range] = {
+    "glint": (1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict."),
+    "glint_probability": (0.0, 1.0, "", "Give a share, such as 1e-5."),
+    "tolerance": (1e-3, 20.0, "degrees", "The solar disk has 0.27."),
+    "sky_ratio": (1e-3, 1e6, "", "2 means: the sky twice as bright as the water."),
+    "sky_probability": (0.0, 1.0, "", "Give a share, such as 0.1."),
+    "snr": (0.0, 1e6, "", "3 is usual: contrast of three times the noise."),
+    "ner": (1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual."),
+}
+_RANGES: dict[str, Range] = {
+    "latitude": (-90.0, 90.0, "degrees", "North is positive. Are latitude and longitude swapped?"),
+    "longitude": (-180.0, 360.0, "degrees", "East is positive."),
+    "sun_zenith": (0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time."),
+    "sun_azimuth": (-360.0, 360.0, "degrees", "Give an azimuth from north."),
+    "wind_height": (1.0, 100.0, "m", "Give the height of the mast."),
+    "wind_from": (-360.0, 360.0, "degrees", "Give where it blows from, from north."),
+    "depth": (0.0, 1000.0, "m", "Give metres below the surface, positive down."),
+    "reflectance": (0.0, 1.0, "", "Give a share, not per cent."),
+    "chlorophyll": (0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore."),
+    "step": (0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square."),
+    "widest": (10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other."),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,16 +84,7 @@ class Limits:
     ner: float | None = None
 
     def __post_init__(self) -> None:
-        within("glint", self.glint, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
-        if self.glint_probability is not None:
-            within("glint_probability", self.glint_probability, 0.0, 1.0, "", "Give a share, such as 1e-5.")
-        if self.tolerance is not None:
-            within("tolerance", self.tolerance, 1e-3, 20.0, "degrees", "The solar disk has 0.27.")
-        within("sky_ratio", self.sky_ratio, 1e-3, 1e6, "", "2 means: the sky twice as bright as the water.")
-        within("sky_probability", self.sky_probability, 0.0, 1.0, "", "Give a share, such as 0.1.")
-        within("snr", self.snr, 0.0, 1e6, "", "3 is usual: contrast of three times the noise.")
-        if self.ner is not None:
-            within("ner", self.ner, 1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual.")
+        check_fields(self, _LIMIT_RANGES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,15 +156,8 @@ class Mission:
         choice("slopes", self.slopes, slopes.MODELS)
         choice("sky", self.sky, SKIES)
         choice("water", self.water, WATERS)
-        within("wind_height", self.wind_height, 1.0, 100.0, "m", "Give the height of the mast.")
-        within("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
-        within("wind_from", self.wind_from, -360.0, 360.0, "degrees", "Give where it blows from, from north.")
-        within("depth", self.depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
-        within("reflectance", self.reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
-        within("chlorophyll", self.chlorophyll, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
-        within("step", self.step, 0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square.")
-        within("widest", self.widest, 10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other.")
-        _finite(self)
+        check_fields(self, _RANGES)
+        check_fields(self, {"wind": (0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")})
         self._check_sun()
         for name in self.bands:
             self.sensor.band(name)
@@ -160,14 +166,12 @@ class Mission:
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
             raise InputError("sun_zenith and sun_azimuth go together; give both, or place and time.")
         if self.sun_zenith is not None:
-            within("sun_zenith", self.sun_zenith, 0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time.")
             return
         if self.place is None:
             raise InputError(
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
                 "angles of the sun (--sun)."
             )
-        coordinates(*self.place)
         if self.sun[0] > SUN_LIMIT:
             high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)
             what = "below the horizon ({:.1f} degrees)" if high < 0 else "too low ({:.1f} degrees; 1 is needed)"
@@ -254,11 +258,3 @@ class Mission:
     def coarse(self) -> Mission:
         """The same mission with a step between viewing geometries of at least `COARSE_STEP`."""
         return replace(self, step=max(self.step, COARSE_STEP))
-
-
-def _finite(mission: Mission) -> None:
-    """Raise InputError on NaN or infinite values, which range checks do not find."""
-    groups = (vars(group).items() for group in (mission, mission.limits, mission.air) if group is not None)
-    for name, value in chain.from_iterable(groups):
-        if isinstance(value, float) and not np.isfinite(value):
-            raise InputError(f"{name} must be a finite number, got {value}; give one.")
