@@ -11,6 +11,8 @@ import numpy.typing as npt
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.floating[Any]]
+"""Of single or double precision."""
 Range = tuple[float, float, str, str]
 """Lowest and highest value, unit, and remedy."""
 VIEW_LIMIT = 89.0

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError
-from ._checks import within
+from ._checks import Floats, within
 from .tables import WAVELENGTH_RANGE
-
-Array = npt.NDArray[np.floating[Any]]
 
 PLANCK = 6.62607015e-34
 """Planck constant [J s]."""
@@ -100,7 +97,7 @@ class Sensor:
         return replace(self, bands=bands)
 
 
-def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Array]]:
+def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
     """Wavelengths of all bands in steps of 1 nm, and a function that averages over each band.
 
     Parameters
@@ -125,13 +122,13 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Ar
     sizes = np.array([steps.size for steps in ranges])
     starts = np.cumsum(sizes) - sizes
 
-    def mean(values: Array) -> Array:
+    def mean(values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
 
     return np.concatenate(ranges), mean
 
 
-def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
+def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
     """Diffraction MTF of a perfect circular aperture.
 
     ``2/pi (arccos x - x sqrt(1 - x**2))``, zero beyond the cutoff.
@@ -160,7 +157,7 @@ def cutoff(sensor: Sensor, wavelength: float) -> float:
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
-def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Array:
+def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Floats:
     """MTF of the whole sensor: diffraction, detector, smear and jitter.
 
     ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, frequencies in
@@ -189,7 +186,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     return np.asarray(out * np.exp(-2 * np.pi**2 * sensor.jitter**2 * squared))
 
 
-def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Array:
+def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
     """PSF: share of the light of a point source in each pixel, the source at the centre of the central pixel.
 
     Parameters
@@ -225,7 +222,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     return ((waves * weight) @ quarter @ (waves * weight).T)[np.ix_(both, both)]
 
 
-def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Array:
+def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
     """Electrons in a pixel for a radiance.
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).
@@ -250,7 +247,7 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
     return np.asarray(np.pi * sensor.pitch**2 * exposure * efficiency * in_band / photon_energy)
 
 
-def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
+def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
     """Standard deviation of a pixel [electrons]: shot, dark, read and quantisation noise.
 
     ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``
@@ -267,7 +264,7 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
 
 def noise_equivalent_radiance(
     radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
-) -> Array:
+) -> Floats:
     """Difference of radiance that equals the noise at this radiance [W m-2 sr-1 nm-1], ``L s / N``."""
     exposure = sensor.exposure(band) if exposure is None else exposure
     per_radiance = electrons(1.0, sensor, band, exposure=exposure)
@@ -275,7 +272,7 @@ def noise_equivalent_radiance(
 
 
 def digitise(
-    radiance: Array, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
+    radiance: Floats, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
 ) -> npt.NDArray[np.uint16]:
     """Digital numbers of a band, dark level subtracted.
 

@@ -5,12 +5,11 @@ Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves`
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.floating[Any]]
+from ._checks import Floats
 
 GRAVITY = 9.81
 """Acceleration of gravity [m s-2]."""
@@ -23,7 +22,7 @@ _ECKV_KM = 370.0  # wavenumber of its slowest wave [rad/m]
 _ECKV_CM = 0.23  # and its speed [m/s]
 
 
-def dispersion(wavenumber: Array) -> Array:
+def dispersion(wavenumber: Floats) -> Floats:
     """Angular frequency of free gravity-capillary waves on deep water [rad/s], ``w**2 = g k + (T/rho) k**3``."""
     k = np.asarray(wavenumber, dtype=np.float64)
     return np.sqrt(GRAVITY * k + SURFACE_TENSION * k**3)
@@ -34,7 +33,7 @@ def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
     return 0.8772 * GRAVITY / (2 * np.pi * wind_19_5)
 
 
-def pierson_moskowitz(frequency: Array, *, wind_19_5: float) -> Array:
+def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
     """Pierson-Moskowitz spectrum of the fully developed sea.
 
     ``E(f) = 0.0081 g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4)``
@@ -63,7 +62,7 @@ def pierson_moskowitz(frequency: Array, *, wind_19_5: float) -> Array:
     return _gravity_tail(frequency, 0.0081, pierson_moskowitz_peak(wind_19_5=wind_19_5))
 
 
-def _gravity_tail(frequency: Array, alpha: float, peak: float) -> Array:
+def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
     f = np.asarray(frequency, dtype=np.float64)
     with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is the zero that is meant
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
@@ -79,7 +78,7 @@ def developed_fetch(wind: float) -> float:
     return GRAVITY**2 / wind * (3.5 / pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)) ** 3
 
 
-def jonswap(frequency: Array, *, wind: float, fetch: float) -> Array:
+def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
     """JONSWAP spectrum of a fetch-limited sea.
 
     ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) 3.3**exp(-((f/fp - 1)/s)**2 / 2)``,
@@ -123,7 +122,7 @@ def elfouhaily_peak(wind: float) -> float:
     return GRAVITY * (_AGE / wind) ** 2
 
 
-def elfouhaily(wavenumber: Array, *, wind: float) -> Array:
+def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
     """Elfouhaily's unified spectrum of long and short waves of a fully developed sea.
 
     ``S(k) = (B_l + B_h) / k**3`` with the long-wave curvature spectrum B_l (a JONSWAP shape) and the
@@ -171,7 +170,7 @@ def elfouhaily(wavenumber: Array, *, wind: float) -> Array:
     return (b_long + b_short) / k**3
 
 
-def _eckv_speed(k: Array) -> Array:
+def _eckv_speed(k: Floats) -> Floats:
     return np.sqrt(GRAVITY / k * (1 + (k / _ECKV_KM) ** 2))
 
 
@@ -179,7 +178,7 @@ def _friction_velocity(wind: float) -> float:
     return float(np.sqrt(1.44e-3) * wind)
 
 
-def elfouhaily_spread(wavenumber: Array, *, wind: float) -> Array:
+def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
     """Directional anisotropy D(k) of Elfouhaily, in ``(1 + D cos 2a) / (2 pi)``, 0 to 1."""
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / _AGE

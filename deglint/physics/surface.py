@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ._checks import Floats
 from .spectra import GRAVITY, SURFACE_TENSION, elfouhaily_spread, spreading_norm
 from .waves import Sea, omnidirectional, spread_convention
 
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
-Array = npt.NDArray[np.floating[Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 SLABS = 16
@@ -41,11 +41,11 @@ class Surface:
         """(rows, columns)."""
         return self.amplitudes.shape[0], self.amplitudes.shape[1]
 
-    def height(self, time: float = 0.0, *, workers: int = 1) -> Array:
+    def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
         """Height of the surface [m], (row, column) float32, row 0 in the north, at a time [s]."""
         return np.ascontiguousarray(self._field(time, False, workers).real)
 
-    def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Array, Array]:
+    def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Slopes towards east and towards north, (row, column) float32 each, at a time [s]."""
         packed = self.packed_slopes(time, workers=workers)
         return np.ascontiguousarray(packed.real), np.ascontiguousarray(packed.imag)

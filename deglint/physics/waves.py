@@ -17,8 +17,8 @@ import numpy as np
 
 from ..errors import InputError
 from . import spectra
-from ._checks import choice, within
-from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, Array, dispersion
+from ._checks import Floats, choice, within
+from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, dispersion
 
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
@@ -74,7 +74,7 @@ class Sea:
         return 2 * np.pi / self.peak_wavenumber
 
 
-def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
+def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
     """Omnidirectional spectral density of height over wavenumber [m3].
 
     Frequency spectra are converted by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
@@ -98,7 +98,7 @@ def spread_convention(sea: Sea) -> Spreading:
     return sea.spreading or ("elfouhaily" if sea.spectrum == "elfouhaily" else "half-angle")
 
 
-def anisotropy(wavenumber: Array, sea: Sea) -> Array:
+def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
     """Mean of cos(2a) over the directions of the waves of a wavenumber: 0 (isotropic) to 1 (all along the wind).
 
     Half of Elfouhaily's D; ``s (s-1) / ((s+1)(s+2))`` for half-angle cos-2s, ``s / (s+1)`` for full-angle.
@@ -110,7 +110,7 @@ def anisotropy(wavenumber: Array, sea: Sea) -> Array:
     return np.full_like(k, s * (s - 1) / ((s + 1) * (s + 2)) if convention == "half-angle" else s / (s + 1))
 
 
-def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Array:
+def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Floats:
     """Wavenumbers [rad/m] for integrals over the waves between two wavelengths [m], by default from ten peak waves."""
     low = sea.peak_wavenumber / 10 if longest is None else 2 * np.pi / longest
     if not shortest > 0 or 2 * np.pi / shortest <= low:

@@ -16,12 +16,12 @@ import numpy.typing as npt
 
 from ..errors import BandError
 from ..physics import atmosphere, glint, sun, water
+from ..physics._checks import Floats
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
 from .skylight import skylight
 
-Array = npt.NDArray[np.floating[Any]]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -29,11 +29,11 @@ Mask = npt.NDArray[np.bool_]
 class Light:
     """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
 
-    direct: Array  # irradiance of a level plane by the sun
-    diffuse: Array  # irradiance of a level plane by the sky
-    normal: Array  # irradiance of a plane that faces the sun, by the sun alone
-    background: Array  # radiance out of the deep water
-    target: Array  # radiance out of the water over the object
+    direct: Floats  # irradiance of a level plane by the sun
+    diffuse: Floats  # irradiance of a level plane by the sky
+    normal: Floats  # irradiance of a plane that faces the sun, by the sun alone
+    background: Floats  # radiance out of the deep water
+    target: Floats  # radiance out of the water over the object
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +68,15 @@ class Reticle:
     """
 
     mission: Mission
-    zenith: Array
-    azimuth: Array
+    zenith: Floats
+    azimuth: Floats
     light: Light = field(repr=False)
-    glint_probability: Array = field(repr=False)
-    glint_strength: Array = field(repr=False)
-    sky_strength: Array = field(repr=False)
-    sky_probability: Array = field(repr=False)
-    weber: Array = field(repr=False)
-    snr: Array = field(repr=False)
+    glint_probability: Floats = field(repr=False)
+    glint_strength: Floats = field(repr=False)
+    sky_strength: Floats = field(repr=False)
+    sky_probability: Floats = field(repr=False)
+    weber: Floats = field(repr=False)
+    snr: Floats = field(repr=False)
     clear_of_glint: Mask = field(repr=False)
     clear_of_sky: Mask = field(repr=False)
     detectable: Mask = field(repr=False)
@@ -104,22 +104,22 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     @property
-    def glint_radiance(self) -> Array:
+    def glint_radiance(self) -> Floats:
         """Glint radiance of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
 
     @property
-    def sky_radiance(self) -> Array:
+    def sky_radiance(self) -> Floats:
         """Reflected skylight of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
 
     @cached_property
-    def by_band(self) -> Array:
+    def by_band(self) -> Floats:
         """Combined map of each band: contrast over noise, 0 where excluded by any mask (thesis, 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
     @cached_property
-    def combined(self) -> Array:
+    def combined(self) -> Floats:
         """Combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
@@ -128,7 +128,7 @@ class Reticle:
         """Viewing geometries from which no band is usable."""
         return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
-    def counts(self) -> dict[str, Array]:
+    def counts(self) -> dict[str, Floats]:
         """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
@@ -198,7 +198,7 @@ def reticle(mission: Mission) -> Reticle:
     )
 
 
-def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
+def light(mission: Mission, zenith: Floats, azimuth: Floats) -> Light:
     """Light for all viewing geometries of a grid of zenith angles and azimuths of the sensor [degree].
 
     Deep water follows Lee et al. (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70
@@ -218,7 +218,7 @@ def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
     return Light(level, mean(diffuse), level / np.cos(np.radians(sun_zenith)), background, target)
 
 
-def _through(mission: Mission, sea: Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
+def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Fraction of the deep-water light that comes from above the object, and light of the object itself.
 
     Both are (wavelength, zenith).
@@ -234,14 +234,14 @@ def _through(mission: Mission, sea: Iops, zenith: Array, direct_fraction: Array)
     return kept, water.submerged_reflectance(column, 0.0, *angles, reflectance=albedo, **given)
 
 
-def viewing_geometries(mission: Mission) -> tuple[Array, Array]:
+def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
     """Zenith angles and azimuths of the viewing geometries of a mission [degree]."""
     down = round(mission.widest / mission.step)
     around = round(360.0 / mission.step)
     return np.linspace(0.0, mission.widest, max(down, 1) + 1), np.linspace(0.0, 360.0, around + 1)
 
 
-def _noise(mission: Mission, radiance: Array) -> Array:
+def _noise(mission: Mission, radiance: Floats) -> Floats:
     """Noise-equivalent radiance of each band at a radiance [W m-2 sr-1 nm-1]."""
     if mission.limits.ner is not None:
         return np.full((len(radiance), 1, 1), mission.limits.ner)

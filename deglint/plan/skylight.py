@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import fresnel, sky, slopes
-
-Array = npt.NDArray[np.floating[Any]]
+from ..physics._checks import Floats
 
 ZENITHS, AZIMUTHS = 21, 36
 """Number of zenith angles and azimuths at which the facets are summed."""
@@ -39,10 +38,10 @@ class Wind:
 class Skylight:
     """Reflected skylight at viewing geometries."""
 
-    mean: Array  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
-    brighter: Array  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+    mean: Floats  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
+    brighter: Floats  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
 
-    def share_above(self, level: Array) -> Array:
+    def share_above(self, level: Floats) -> Floats:
         """Share of the sea whose facets reflect more than `level` [1/sr]; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
@@ -57,7 +56,7 @@ class Skylight:
 
 
 def skylight(
-    zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
+    zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
 ) -> Skylight:
     """Reflected skylight for zenith angles and azimuths of the sensor [degree]; `sun` is a zenith angle and an azimuth.
 
@@ -74,8 +73,8 @@ def skylight(
 
 
 def _carried(
-    values: Array, place: Array, axis: int, weights: Callable[[Array], tuple[Array, ...]], *, periodic: bool = False
-) -> Array:
+    values: Floats, place: Floats, axis: int, weights: Callable[[Floats], tuple[Floats, ...]], *, periodic: bool = False
+) -> Floats:
     """Interpolate values at equal steps along an axis to positions in units of steps.
 
     Written without BLAS, whose threads block each other on a busy machine.
@@ -91,19 +90,19 @@ def _carried(
     )
 
 
-def _cubic(x: Array) -> tuple[Array, ...]:
+def _cubic(x: Floats) -> tuple[Floats, ...]:
     """Weights of the nodes 0 to 3 for a position x, by cubic interpolation."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
-def _linear(x: Array) -> tuple[Array, ...]:
+def _linear(x: Floats) -> tuple[Floats, ...]:
     """Weights of the nodes 0 and 1: linear interpolation keeps shares monotonic in the level."""
     return 1.0 - x, x
 
 
 def _summed(
-    zeniths: Array, turns: Array, sun: tuple[float, float], wind: Wind, model: str
+    zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths are relative to the wind."""
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
@@ -147,8 +146,8 @@ class _Facets:
         self.step = float(np.sqrt(area))
 
     def seen(
-        self, zenith: float, turns: Array, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
-    ) -> tuple[Array, Array]:
+        self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
+    ) -> tuple[Floats, Floats]:
         """Share of the sea as seen by the sensor, and reflected radiance [1/sr]; (azimuth, facet)."""
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
@@ -166,7 +165,7 @@ class _Facets:
         return weight, light
 
 
-def _counted(weight: Array, light: Array) -> npt.NDArray[Any]:
+def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
     """Histogram of weights (geometry, facet) over the levels (geometry, level), each split between adjacent levels."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))

@@ -13,11 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import glint, sun
-from ..physics._checks import within
+from ..physics._checks import Floats, within
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
-
-Array = npt.NDArray[np.floating[Any]]
 
 EARTH_RADIUS = 6_371_000.0
 """Mean radius of the Earth [m]."""
@@ -57,11 +55,11 @@ class Line:
     """Glint on flight lines of every heading [degree]."""
 
     view: FieldOfView
-    heading: Array
-    fraction: Array  # share of the field of view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
-    mean: Array  # mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
-    across: Array  # angles across the track, right positive, (across,) [degree]
-    profile: Array  # largest glint along the track at each angle across, (heading, across) [1/sr]
+    heading: Floats
+    fraction: Floats  # share of the view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
+    mean: Floats  # mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
+    across: Floats  # angles across the track, right positive, (across,) [degree]
+    profile: Floats  # largest glint along the track at each angle across, (heading, across) [1/sr]
 
     @property
     def best(self) -> int:
@@ -103,7 +101,7 @@ class Line:
         return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
 
-def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array, Array]:
+def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Viewing geometries of the points in the field of view, for a heading [degree].
 
     Returns zenith angles and azimuths, (..., along, across) [degree]; NaN where a ray misses the Earth.

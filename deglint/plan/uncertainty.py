@@ -7,16 +7,13 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..physics import slopes
-from ..physics._checks import within
+from ..physics._checks import Floats, within
 from .advice import ViewingGeometry, best_geometry, one_in, sentence
 from .mission import Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
-
-Array = npt.NDArray[np.floating[Any]]
 
 SPEEDS, TURNS = 5, 7
 """Number of speeds and of directions in the interval, ends included."""
@@ -28,10 +25,10 @@ class WindEnsemble:
 
     middle: Reticle  # under the wind of the mission
     winds: tuple[tuple[float, ...], tuple[float, ...]]  # speeds [m/s] and directions [degree] that were looked at
-    glint: Array  # pair of `Reticle.glint_strength`
-    glint_probability: Array  # pair of `Reticle.glint_probability`
-    contrast: Array  # pair of `Reticle.combined`
-    risk: Array  # share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]
+    glint: Floats  # pair of `Reticle.glint_strength`
+    glint_probability: Floats  # pair of `Reticle.glint_probability`
+    contrast: Floats  # pair of `Reticle.combined`
+    risk: Floats  # share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]
 
     @property
     def best(self) -> ViewingGeometry | None:

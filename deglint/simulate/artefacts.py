@@ -6,15 +6,13 @@ They change only the image, not the truth.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import InputError
-from ..physics._checks import choice, within
+from ..physics._checks import Floats, choice, within
 
-Array = npt.NDArray[np.floating[Any]]
 Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
@@ -54,7 +52,7 @@ class Artefacts:
         return GRID_SHIFT if self.resampling else 0.0
 
 
-def stripe(radiance: Array, deviation: float, seed: np.random.SeedSequence) -> Array:
+def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
     """Multiply each column of a band by a random gain, with a standard deviation about 1."""
     if deviation == 0:
         return radiance
@@ -81,9 +79,6 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     import cv2
 
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
-    done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not done:
-        raise InputError(f"a band of {numbers.shape[0]} x {numbers.shape[1]} pixels does not fit into a JPEG")
-    again = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    assert again is not None
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    again = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
     return np.rint(levels * (again / 255.0) ** 2).astype(np.uint16)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import choice, within
+from ..physics._checks import Floats, choice, within
 from .materials import SPECTRA
-
-Array = npt.NDArray[np.floating[Any]]
 
 LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
 """Range of depths of a bottom [m]; light from greater depths is negligible."""
@@ -59,7 +56,7 @@ class Bottom:
 
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Depth [m] float32, and mask of the second material, on a grid (row, column) of a spacing [m].
 
     Halfway between the right edge of the image, which is `width` wide [m], and the end of the grid, the depth returns
@@ -84,7 +81,7 @@ def depth_and_patches(
     return depth, field > np.quantile(field, 1.0 - bottom.share)
 
 
-def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Array:
+def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Floats:
     """Gaussian noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32; periodic.
 
     White noise, smoothed by a Gaussian with a standard deviation of a third of the size.

@@ -6,7 +6,7 @@ It is Lambertian: there is no specular reflection of sun or sky, and no light fr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,6 @@ from .materials import SPECTRA
 if TYPE_CHECKING:
     from .setup import Setup
 
-Array = npt.NDArray[np.floating[Any]]
 Labels = npt.NDArray[np.uint8]
 
 WATER, LAND, FOAM, TARGET = range(4)

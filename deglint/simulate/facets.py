@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..physics import fresnel, glint, sky, slopes
+from ..physics._checks import Floats
 from ..physics.spectra import dispersion
 from ..physics.surface import Surface, by_rows, normals, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
-
-Array = npt.NDArray[np.floating[Any]]
 
 LEAST_SLOPE = 0.01
 """Least standard deviation of the slopes within a facet."""
@@ -39,7 +37,7 @@ class Facets:
     glinting_slope: tuple[float, float]  # of a facet that reflects the sun into the sensor
     glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
     _sparkle: tuple[Any, Any, Any]
-    _sky: Array
+    _sky: Floats
 
     @property
     def slope_variance(self) -> tuple[float, float]:
@@ -47,7 +45,7 @@ class Facets:
         up, cross = self.surface.slope_variance
         return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
-    def slopes(self, *, workers: int = 1) -> tuple[Array, Array]:
+    def slopes(self, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Resolved slopes towards east and north at the first time."""
         east, north = self.surface.slopes(workers=workers)
         if self.slope_scale == (1.0, 1.0):
@@ -55,7 +53,7 @@ class Facets:
         up, cross = slopes.to_wind_axes(east, north, self.setup.wind_from)
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
-    def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
+    def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Density of slopes at the glinting slope, and reflected sky per diffuse irradiance [1/sr], at a time [s].
 
         Both (row, column) float32; independent of the number of workers.
@@ -97,7 +95,7 @@ def facets(setup: Setup, *, workers: int = 1) -> Facets:
     return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), glinting, factor, drawn, table)
 
 
-def _pair(values: Array | tuple[Array, Array]) -> tuple[float, float]:
+def _pair(values: Floats | tuple[Floats, Floats]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
@@ -129,7 +127,7 @@ def _draw_sparkle(
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 
-def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Array:
+def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Floats:
     """Angular frequencies with equal shares of the slope variance that facets of a size [m] do not resolve [rad/s]."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
@@ -144,7 +142,7 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
     return float(factor * series / plain) if plain > 0 else 0.0
 
 
-def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
+def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
     """Sky radiance reflected by a facet, by its upwind and crosswind slope, per diffuse irradiance [1/sr].
 
     Weighted by the visible share of a facet, and smoothed over the slopes within it.

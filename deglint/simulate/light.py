@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..physics import atmosphere, water
+from ..physics._checks import Floats
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means
 from .bottom import LEAST_DEPTH, MOST_DEPTH
 from .materials import reflectance
 from .setup import Setup
-
-Array = npt.NDArray[np.floating[Any]]
 
 DEPTH_STEPS = 128
 """Number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %."""
@@ -26,13 +23,13 @@ DEPTH_STEPS = 128
 class Light:
     """Mean light in each band: irradiances [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1]."""
 
-    normal: Array  # irradiance of a plane that faces the sun, by the sun alone, (band,)
-    direct: Array  # irradiance of a level plane by the sun, (band,)
-    diffuse: Array  # irradiance of a level plane by the sky, (band,)
-    water: Array  # radiance out of the water where it is deep, (band,)
-    objects: Array  # radiance out of the water over each object, (object, band)
-    depths: Array  # of the columns of `bottom` [m], (depth,); empty without one
-    bottom: Array  # radiance out of the water over the two materials of the bottom, (material, depth, band)
+    normal: Floats  # irradiance of a plane that faces the sun, by the sun alone, (band,)
+    direct: Floats  # irradiance of a level plane by the sun, (band,)
+    diffuse: Floats  # irradiance of a level plane by the sky, (band,)
+    water: Floats  # radiance out of the water where it is deep, (band,)
+    objects: Floats  # radiance out of the water over each object, (object, band)
+    depths: Floats  # of the columns of `bottom` [m], (depth,); empty without one
+    bottom: Floats  # radiance out of the water over the two materials of the bottom, (material, depth, band)
 
 
 def light(setup: Setup) -> Light:
@@ -46,7 +43,7 @@ def light(setup: Setup) -> Light:
     angles, sea = (setup.sun_zenith, setup.view_zenith), case1(wavelength, setup.chlorophyll)
     deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
-    def over(depth: Array | float, albedo: Array | float) -> Array:
+    def over(depth: Floats | float, albedo: Floats | float) -> Floats:
         """Radiance over a flat Lambertian ground at a depth, (band, ...)."""
         column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
         seen = water.submerged_reflectance(
@@ -72,7 +69,7 @@ def light(setup: Setup) -> Light:
     )
 
 
-def matt(lit: Light, setup: Setup, materials: Sequence[str]) -> Array:
+def matt(lit: Light, setup: Setup, materials: Sequence[str]) -> Floats:
     """Radiance of horizontal Lambertian surfaces in the light of a setup, (material, band) [W m-2 sr-1 nm-1].
 
     For an empty name (water) it is 0.

@@ -105,12 +105,6 @@ def thesis_array(
         sides = [s for s in (2, 4, 8, 16) if s <= 0.8 * min(across, rows / 4)] or [2]
     count = max(len(sides), rows // 64)
     down = rows / count
-    room = 0.8 * min(across, down)
-    if max(sides) > room:
-        raise InputError(
-            f"sides must be at most {room:.3g} pixels in a scene of {rows} x {columns}, got {max(sides):g};"
-            " enlarge the scene, or give smaller sides"
-        )
     return tuple(
         square((columns / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, sides[i % len(sides)] * gsd,
                reflectance=reflectance, depth=depth)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
 from ..physics.surface import by_rows
@@ -20,7 +21,6 @@ from .light import Light, light, matt
 from .objects import label
 from .setup import Setup, check_one_sea
 
-Array = npt.NDArray[np.floating[Any]]
 Numbers = npt.NDArray[np.integer[Any]]
 Progress = Callable[[int, int], object]
 
@@ -64,17 +64,17 @@ class SimulatedScene:
     setup: Setup
     light: Light = field(repr=False)
     image: Numbers = field(repr=False)
-    truth: Array = field(repr=False)
+    truth: Floats = field(repr=False)
     truth_image: Numbers = field(repr=False)
-    glint: Array = field(repr=False)
+    glint: Floats = field(repr=False)
     glint_mask: npt.NDArray[np.bool_] = field(repr=False)
     objects: Numbers = field(repr=False)
-    height: Array | None = field(repr=False)
-    slopes: Array | None = field(repr=False)
+    height: Floats | None = field(repr=False)
+    slopes: Floats | None = field(repr=False)
     resolved_slope_variance: tuple[float, float]
-    truth_water: Array = field(repr=False)
+    truth_water: Floats = field(repr=False)
     cover: Numbers | None = field(repr=False, default=None)
-    depth: Array | None = field(repr=False, default=None)
+    depth: Floats | None = field(repr=False, default=None)
 
 
 def simulate(
@@ -156,7 +156,7 @@ def simulate_together(
     check_one_sea(setups)
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
-    sea, world = facets(moving, workers=workers), _World.of(moving)
+    sea, world = facets(moving, workers=workers), _World(moving)
     shape = len(moving.sensor.bands), *moving.size
     parts = []
     for setup in setups:
@@ -176,46 +176,34 @@ def simulate_together(
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _World:
     """Bottom, objects and surface cover of a setup, on the facets, and the light."""
 
-    setup: Setup
-    lit: Light
-    labels: Numbers  # number of the submerged object, from 1
-    depth: Array | None
-    patches: npt.NDArray[np.bool_] | None  # where the second material of the bottom lies
-    cover: Cover | None
-    matt: Array  # radiance of the materials of the cover, (material, band)
-
-    @classmethod
-    def of(cls, setup: Setup) -> _World:
+    def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
-        labels: Numbers = np.broadcast_to(np.uint16(0), shape)
-        if setup.objects:
-            labels = label(setup.objects, shape, setup.facet)
-        depth, patches = None, None
+        self.setup, self.lit = setup, light(setup)
+        self.labels: Numbers = label(setup.objects, shape, setup.facet)  # number of the submerged object, from 1
+        self.depth: Floats | None = None
         if setup.bottom is not None:
-            seed = np.random.SeedSequence(setup.seed, spawn_key=(3,))
-            width = setup.size[1] * setup.sensor.gsd
-            depth, patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
-            buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[labels] > depth
-            labels = np.where(buried, np.uint16(0), labels)
-        cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
-        lit = light(setup)
-        radiances = matt(lit, setup, cover.materials) if cover else np.zeros((0, 0))
-        return cls(setup, lit, labels, depth, patches, cover, radiances)
+            seed, width = np.random.SeedSequence(setup.seed, spawn_key=(3,)), setup.size[1] * setup.sensor.gsd
+            # patches: where the second material of the bottom lies
+            self.depth, self.patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
+            buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[self.labels] > self.depth
+            self.labels = np.where(buried, np.uint16(0), self.labels)
+        self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
+        # radiance of the materials of the cover, (material, band)
+        self.matt = matt(self.lit, setup, self.cover.materials) if self.cover else np.zeros((0, 0))
 
     @property
     def is_plain(self) -> bool:
         """The water is the same everywhere."""
         return not self.setup.objects and self.depth is None and self.cover is None
 
-    def leaving(self, band: int, cover: Numbers | None) -> Array:
+    def leaving(self, band: int, cover: Numbers | None) -> Floats:
         """Radiance out of the water, or of what lies on it, of each facet (row, column) float32."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
-        if self.depth is not None and self.patches is not None:
+        if self.depth is not None:
             ground, patch = (np.interp(self.depth, lit.depths, table) for table in lit.bottom[:, :, band])
             np.copyto(out, np.where(self.patches, patch, ground), where=self.labels == 0, casting="same_kind")
         if cover is not None:
@@ -232,13 +220,13 @@ class _World:
 class _Parts:
     """Radiances of one scene: truth and glint, on the map and on the grid of the sensor before resampling; water."""
 
-    own: Array  # (truth or glint, band, row, column) float32
-    seen: Array  # the same, where the sensor sees them
-    water: Array  # (band, row, column) float32
+    own: Floats  # (truth or glint, band, row, column) float32
+    seen: Floats  # the same, where the sensor sees them
+    water: Floats  # (band, row, column) float32
 
 
 def _finished(
-    setup: Setup, world: _World, parts: _Parts, surface: tuple[Array | None, Array | None],
+    setup: Setup, world: _World, parts: _Parts, surface: tuple[Floats | None, Floats | None],
     variance: tuple[float, float], workers: int,
 ) -> SimulatedScene:  # fmt: skip
     truth, glint = parts.own
@@ -289,7 +277,7 @@ def _add_bands(
             yield
 
 
-def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Array:
+def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Floats:
     """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
     down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
     wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -297,7 +285,7 @@ def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Ar
     return seen[: setup.size[0], : setup.size[1]]
 
 
-def _digitise(setup: Setup, radiance: Array, workers: int) -> Numbers:
+def _digitise(setup: Setup, radiance: Floats, workers: int) -> Numbers:
     """Digital numbers with artefacts; a band draws its noise from a seed of its own, the same for image and truth."""
     seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
     gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
@@ -318,7 +306,7 @@ def _digitise(setup: Setup, radiance: Array, workers: int) -> Numbers:
     return out
 
 
-def _surface(sea: Facets, workers: int) -> tuple[Array, Array]:
+def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
     """Height and slopes at the first time, mean over each pixel."""
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)

@@ -237,14 +237,11 @@ class Setup:
 def check_one_sea(setups: Sequence[Setup]) -> None:
     """Check that setups differ in no more than optics, noise, artefacts and band delays.
 
-    Raises InputError: there is none, or two differ in something else; the message says in what.
+    Raises InputError: two differ in something else; the message says in what.
     """
-    if not setups:
-        raise InputError("setups must hold at least one, got none; give the scenes to simulate")
-    first = setups[0]
+    first, own = setups[0], {"sensor", "misregistration", "artefacts", "glint_threshold"}
+    names = [f.name for f in fields(Setup) if f.name not in own]
     for n, other in enumerate(setups[1:], start=2):
-        own = ("sensor", "misregistration", "artefacts", "glint_threshold")
-        names = [f.name for f in fields(Setup) if f.name not in own]
         unlike = [name for name in names if getattr(first, name) != getattr(other, name)]
         if [(b.low, b.high) for b in first.sensor.bands] != [(b.low, b.high) for b in other.sensor.bands]:
             unlike.append("bands of the sensor")
