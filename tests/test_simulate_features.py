@@ -205,7 +205,7 @@ def test_a_boat_leaves_a_wake_and_may_leave_the_scene():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Bottom(depth=(90.0, 3.0)), "depth of the bottom must be 0.1 to 60 m, got 90"),
+        (lambda: Bottom(depth=(90.0, 3.0)), "depth must be 0.1 to 60 m, got 90"),
         (lambda: Bottom(materials=("sand", "chalk")), "material must be one of sand"),
         (lambda: Bottom(edge=(3.0, 0.0)), "width above 0 m"),
         (lambda: FloatingTarget(right=1.0, down=1.0, speed=400.0), "speed must be 0 to 50 m/s"),

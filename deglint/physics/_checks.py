@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import field, fields
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +13,6 @@ from ..errors import InputError
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 """Of single or double precision."""
-Range = tuple[float, float, str, str]
-"""Lowest and highest value, unit, and remedy."""
 VIEW_LIMIT = 89.0
 """Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
@@ -36,15 +34,30 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     return array
 
 
-def check_fields(values: object, ranges: Mapping[str, Range]) -> None:
-    """Check the fields of a dataclass that have a range; None is allowed.
+def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
+    """A field of a `Checked` dataclass with its range; MISSING for no default. None is allowed, NaN is not."""
+    return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
-    Raises InputError: a value lies outside its range, or is not a finite number.
+
+def one_of(default: Any, allowed: Any, **more: Any) -> Any:
+    """A field of a `Checked` dataclass with the words that are allowed."""
+    return field(default=default, metadata={"allowed": allowed, **more})
+
+
+class Checked:
+    """A dataclass whose fields are checked against their ranges and allowed words.
+
+    Raises InputError: a value is not allowed, or is not a finite number.
     """
-    for name, limits in ranges.items():
-        value = getattr(values, name)
-        if value is not None and np.isnan(within(name, value, *limits)).any():
-            raise InputError(f"{name} must be a finite number, got {value}; give one.")
+
+    def __post_init__(self) -> None:
+        for own in fields(cast("Any", self)):
+            value = getattr(self, own.name)
+            if "allowed" in own.metadata:
+                choice(own.name, value, own.metadata["allowed"])
+            limits = own.metadata.get("range")
+            if limits and value is not None and np.isnan(within(own.name, value, *limits)).any():
+                raise InputError(f"{own.name} must be a finite number, got {value}; give one.")
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

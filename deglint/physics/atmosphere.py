@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import sun
-from ._checks import Array, Range, check_fields, coordinates, day_number, sun_angle
+from ._checks import Array, Checked, coordinates, day_number, ranged, sun_angle
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
@@ -32,33 +32,20 @@ STANDARD_PRESSURE = 1013.25
 _SCALE_HEIGHT = 1.0  # of aerosol [km]
 _RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
 _MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
-_RANGES: dict[str, Range] = {
-    "air_mass_type": (1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent."),
-    "humidity": (0.0, 100.0, "%", "Give relative humidity."),
-    "water_vapour": (0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical."),
-    "wind_mean": (0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours."),
-    "wind": (0.0, 20.0, "m/s", "Give the wind of now, at 10 m."),
-    "visibility": (1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear."),
-    "ozone": (0.0, 700.0, "DU", "Give Dobson units, 300 if unknown."),
-    "pressure": (500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."),
-}
 
 
 @dataclass(frozen=True)
-class Air:
+class Air(Checked):
     """State of the atmosphere."""
 
-    air_mass_type: float = 1.0  # 1 for air of the open ocean to 10 for that of a continent
-    humidity: float = 80.0  # relative [%]
-    water_vapour: float = 1.5  # water column [cm]
-    wind_mean: float = 5.0  # of the last 24 hours, at 10 m [m/s]
-    wind: float = 5.0  # of now, at 10 m [m/s]
-    visibility: float = 15.0  # horizontal [km]
-    ozone: float = 300.0  # ozone column [DU]; see `ozone` for a climatology
-    pressure: float = STANDARD_PRESSURE  # at the surface [hPa]
-
-    def __post_init__(self) -> None:
-        check_fields(self, _RANGES)
+    air_mass_type: float = ranged(1.0, 1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent.")
+    humidity: float = ranged(80.0, 0.0, 100.0, "%", "Give relative humidity.")
+    water_vapour: float = ranged(1.5, 0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical.")
+    wind_mean: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours.")
+    wind: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the wind of now, at 10 m.")
+    visibility: float = ranged(15.0, 1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear.")
+    ozone: float = ranged(300.0, 0.0, 700.0, "DU", "Give the ozone column in Dobson units, 300 if unknown.")
+    pressure: float = ranged(STANDARD_PRESSURE, 500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa.")
 
 
 class Aerosol(NamedTuple):

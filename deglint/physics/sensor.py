@@ -8,13 +8,13 @@ jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError
-from ._checks import Floats, within
+from ._checks import Checked, Floats, ranged, within
 from .tables import WAVELENGTH_RANGE
 
 PLANCK = 6.62607015e-34
@@ -45,29 +45,25 @@ class SensorBand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
+class Sensor(Checked):
     """Optics, detector and bands."""
 
     name: str
     bands: tuple[SensorBand, ...]  # in file order
-    gsd: float  # ground sampling distance [m]
-    f_number: float  # focal length over aperture
-    pitch: float  # of the detector [m]
+    gsd: float = ranged(MISSING, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
+    f_number: float = ranged(MISSING, 0.7, 200.0, "", "It is focal length over aperture.")
+    pitch: float = ranged(MISSING, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
     smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
     jitter: float = 0.0  # standard deviation of the line of sight, per axis [pixel]
     quantum_efficiency: float = 0.8  # electrons per photon
     transmission: float = 0.8  # share of light that the optics pass
-    well: float = 100_000.0  # electrons at full scale
+    well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
     read_noise: float = 12.0  # standard deviation [electrons]
     dark_current: float = 0.0  # [electrons/s]
-    bits: int = 12  # of the quantisation
+    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.")
 
     def __post_init__(self) -> None:
-        within("gsd", self.gsd, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
-        within("f_number", self.f_number, 0.7, 200.0, "", "It is focal length over aperture.")
-        within("pitch", self.pitch, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
-        within("bits", self.bits, 1, 16, "", "Numbers are kept in 16 bits.")
-        within("well", self.well, 1.0, 1e9, "electrons", "It is what fills a pixel.")
+        super().__post_init__()
         if not self.bands:
             raise BandError(f"sensor {self.name} has no bands; give at least one")
 

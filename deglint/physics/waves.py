@@ -10,14 +10,14 @@ blows from, clockwise from north; waves travel in the opposite direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
 from ..errors import InputError
 from . import spectra
-from ._checks import Floats, choice, within
+from ._checks import Checked, Floats, one_of, ranged
 from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, dispersion
 
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
@@ -32,25 +32,17 @@ SHORT_WAVES = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sea:
+class Sea(Checked):
     """A wind sea; spreads by default as Elfouhaily's waves do for their spectrum, else by half-angle cos-2s."""
 
-    wind: float  # at 10 m [m/s], 1 to 20
-    wind_from: float = 0.0  # where the wind blows from [degree clockwise from north]
-    spectrum: Spectrum = "elfouhaily"
-    fetch: float = 100e3  # distance over which the wind has blown [m]; JONSWAP only
-    spreading: Spreading | None = None
-    exponent: float = 2.0  # s of the cos-2s spreading; 2 gives the anisotropy of Cox and Munk at 9 m/s
-    opposing: float = 0.0  # share of the energy that Elfouhaily's waves carry against the wind, 0 to 0.5
+    wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
+    wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give where the wind blows from, from north.")
+    spectrum: Spectrum = one_of("elfouhaily", get_args(Spectrum))
+    fetch: float = ranged(100e3, 1e3, 2e6, "m", "Give over which distance the wind has blown; it is for JONSWAP only.")
+    spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
+    exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")
+    opposing: float = ranged(0.0, 0.0, 0.5, "", "It is the share of the energy that Elfouhaily's waves carry upwind.")
     short_gain: float = 1.0  # on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance
-
-    def __post_init__(self) -> None:
-        choice("spectrum", self.spectrum, get_args(Spectrum))
-        choice("spreading", self.spreading, (None, *get_args(Spreading)))
-        within("wind", self.wind, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
-        within("fetch", self.fetch, 1e3, 2e6, "m", "Give the fetch in metres.")
-        within("exponent", self.exponent, 0.5, 100.0, "", "It is the s of cos-2s; 2 fits Cox and Munk.")
-        within("opposing", self.opposing, 0.0, 0.5, "", "It is a share of the energy.")
 
     @property
     def peak_wavenumber(self) -> float:

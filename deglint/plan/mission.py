@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import Range, check_fields, choice
+from ..physics._checks import Checked, one_of, ranged, within
 from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -29,32 +29,9 @@ SUN_LIMIT = 89.0
 COARSE_STEP = 2.0
 """Least step between viewing geometries in plans that need many reticles [degree]."""
 
-_LIMIT_RANGES: dict[str, Range] = {
-    "glint": (1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict."),
-    "glint_probability": (0.0, 1.0, "", "Give a share, such as 1e-5."),
-    "tolerance": (1e-3, 20.0, "degrees", "The solar disk has 0.27."),
-    "sky_ratio": (1e-3, 1e6, "", "2 means: the sky twice as bright as the water."),
-    "sky_probability": (0.0, 1.0, "", "Give a share, such as 0.1."),
-    "snr": (0.0, 1e6, "", "3 is usual: contrast of three times the noise."),
-    "ner": (1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual."),
-}
-_RANGES: dict[str, Range] = {
-    "latitude": (-90.0, 90.0, "degrees", "North is positive. Are latitude and longitude swapped?"),
-    "longitude": (-180.0, 360.0, "degrees", "East is positive."),
-    "sun_zenith": (0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time."),
-    "sun_azimuth": (-360.0, 360.0, "degrees", "Give an azimuth from north."),
-    "wind_height": (1.0, 100.0, "m", "Give the height of the mast."),
-    "wind_from": (-360.0, 360.0, "degrees", "Give where it blows from, from north."),
-    "depth": (0.0, 1000.0, "m", "Give metres below the surface, positive down."),
-    "reflectance": (0.0, 1.0, "", "Give a share, not per cent."),
-    "chlorophyll": (0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore."),
-    "step": (0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square."),
-    "widest": (10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other."),
-}
-
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class Limits(Checked):
     """Limits beyond which a viewing geometry is excluded.
 
     Attributes
@@ -75,20 +52,17 @@ class Limits:
         Noise-equivalent radiance [W m-2 sr-1 nm-1]; by default that of the sensor.
     """
 
-    glint: float = 1e-3
-    glint_probability: float | None = None
-    tolerance: float | None = None
-    sky_ratio: float = 2.0
-    sky_probability: float = 0.1
-    snr: float = 3.0
-    ner: float | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self, _LIMIT_RANGES)
+    glint: float = ranged(1e-3, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
+    glint_probability: float | None = ranged(None, 0.0, 1.0, "", "Give a share, such as 1e-5.")
+    tolerance: float | None = ranged(None, 1e-3, 20.0, "degrees", "The solar disk has 0.27.")
+    sky_ratio: float = ranged(2.0, 1e-3, 1e6, "", "2 means: the sky twice as bright as the water.")
+    sky_probability: float = ranged(0.1, 0.0, 1.0, "", "Give a share, such as 0.1.")
+    snr: float = ranged(3.0, 0.0, 1e6, "", "3 is usual: contrast of three times the noise.")
+    ner: float | None = ranged(None, 1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mission:
+class Mission(Checked):
     """All parameters of a plan; all but the place have defaults.
 
     Attributes
@@ -131,33 +105,34 @@ class Mission:
         A value is out of the range of its model, or the sun is down.
     """
 
-    latitude: float | None = None
-    longitude: float | None = None
-    time: Any = None
-    sun_zenith: float | None = None
-    sun_azimuth: float | None = None
-    wind: float = 5.0
-    wind_from: float = 0.0
-    wind_height: float = 10.0
+    # file: table and key in a mission file
+    latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
+    longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
+    time: Any = field(default=None, metadata={"file": "place.time"})
+    sun_zenith: float | None = ranged(None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.",
+                                      file="sun.zenith")  # fmt: skip
+    sun_azimuth: float | None = ranged(None, -360, 360, "degrees", "Give an azimuth from north.", file="sun.azimuth")
+    wind: float = ranged(5.0, 0.1, 100, "m/s", "The slope models hold in this range only.", file="wind.speed")
+    wind_from: float = ranged(0.0, -360, 360, "degrees", "Give where it blows from, from north.", file="wind.from")
+    wind_height: float = ranged(10.0, 1, 100, "m", "Give the height of the mast.", file="wind.height")
     air: Air | None = None
-    chlorophyll: float = 0.5
-    depth: float = 5.0
-    reflectance: float = 0.15
+    chlorophyll: float = ranged(0.5, 0.01, 30, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.",
+                                file="water.chlorophyll")  # fmt: skip
+    depth: float = ranged(5.0, 0, 1000, "m", "Give metres below the surface, positive down.", file="object.depth")
+    reflectance: float = ranged(0.15, 0, 1, "", "Give a share, not per cent.", file="object.reflectance")
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
     bands: tuple[str, ...] = ()
-    slopes: str = "cox-munk"
-    sky: str = "harrison-coombes"
-    water: Literal["scattering", "absorption"] = "scattering"
+    slopes: str = one_of("cox-munk", slopes.MODELS, file="models.slopes")
+    sky: str = one_of("harrison-coombes", SKIES, file="models.sky")
+    water: Literal["scattering", "absorption"] = one_of("scattering", WATERS, file="water.model")
     limits: Limits = field(default_factory=Limits)
-    step: float = 1.0
-    widest: float = 80.0
+    step: float = ranged(1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.",
+                         file="view.step")  # fmt: skip
+    widest: float = ranged(80.0, 10, 85, "degrees", "Nearer to the horizon waves hide each other.", file="view.widest")
 
     def __post_init__(self) -> None:
-        choice("slopes", self.slopes, slopes.MODELS)
-        choice("sky", self.sky, SKIES)
-        choice("water", self.water, WATERS)
-        check_fields(self, _RANGES)
-        check_fields(self, {"wind": (0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")})
+        super().__post_init__()
+        within("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
         self._check_sun()
         for name in self.bands:
             self.sensor.band(name)

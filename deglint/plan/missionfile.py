@@ -13,24 +13,23 @@ from datetime import date, datetime
 from typing import Any
 
 from ..errors import InputError
+from ..physics.atmosphere import Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from .mission import Limits, Mission
 
 Tables = Mapping[str, Mapping[str, Any]]
 
-_MISSION_FIELDS = {  # table, key: field of the mission; [sun] is in place of [place]
-    "place": {"latitude": "latitude", "longitude": "longitude", "time": "time"},
-    "sun": {"zenith": "sun_zenith", "azimuth": "sun_azimuth"},
-    "wind": {"speed": "wind", "from": "wind_from", "height": "wind_height", "mean": ""},
-    "air": dict.fromkeys(("air_mass_type", "humidity", "water_vapour", "visibility", "ozone", "pressure"), ""),
-    "water": {"chlorophyll": "chlorophyll", "model": "water"},
-    "object": {"depth": "depth", "reflectance": "reflectance"},
-    "sensor": dict.fromkeys(("preset", "bands", "band", *(f.name for f in fields(Sensor) if f.name != "bands")), ""),
-    "limits": {f.name: "" for f in fields(Limits)},
-    "view": {"step": "step", "widest": "widest"},
-    "models": {"slopes": "slopes", "sky": "sky"},
-}
+_TABLES: dict[str, dict[str, str]] = {  # table, key: field of the mission, if it is one
+    "place": {}, "sun": {}, "wind": {}, "air": {f.name: "" for f in fields(Air) if "wind" not in f.name}, "water": {},
+    "object": {}, "sensor": dict.fromkeys(("preset", "bands", "band", *(f.name for f in fields(Sensor))), ""),
+    "limits": {f.name: "" for f in fields(Limits)}, "view": {}, "models": {},
+}  # fmt: skip
+for _field in fields(Mission):
+    if "file" in _field.metadata:
+        _table, _key = _field.metadata["file"].split(".")
+        _TABLES[_table][_key] = _field.name
+_TABLES["wind"]["mean"] = ""
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
 _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "mmhg": 1.333224, "inhg": 33.86389}
 
@@ -48,12 +47,12 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     read: dict[str, dict[str, Any]] = {}
     for table, values in tables.items():
         known = "view" if table == "look" else table  # its old name
-        if known not in _MISSION_FIELDS:
-            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _MISSION_FIELDS)}.")
-        read[known] = _read(table, values, _MISSION_FIELDS[known], name)
+        if known not in _TABLES:
+            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
+        read[known] = _read(table, values, _TABLES[known], name)
     given = {
         field: read[table][key]
-        for table, keys in _MISSION_FIELDS.items()
+        for table, keys in _TABLES.items()
         for key, field in keys.items()
         if field and key in read.get(table, {})
     }
@@ -73,8 +72,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     """All parameters of a mission, with defaults, as tables that `mission_from` can read."""
     out = {
-        table: {key: getattr(mission, field) for key, field in keys.items() if field}
-        for table, keys in _MISSION_FIELDS.items()
+        table: {key: getattr(mission, field) for key, field in keys.items() if field} for table, keys in _TABLES.items()
     }
     out["place"]["time"] = None if mission.moment is None else f"{mission.moment}Z"
     air = asdict(mission.weather)

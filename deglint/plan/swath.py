@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import glint, sun
-from ..physics._checks import Floats, within
+from ..physics._checks import Checked, Floats, ranged
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 
@@ -35,19 +35,14 @@ GAIN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class FieldOfView:
+class FieldOfView(Checked):
     """Field of view of a sensor, of one image or of a scan line, and its tilt."""
 
-    across: float = 40.0  # full angle across the track [degree]
-    along: float = 0.0  # full angle along the track; 0 is a line scanner [degree]
-    pitch: float = 0.0  # how far its middle looks forward [degree]
-    roll: float = 0.0  # how far its middle looks to the right [degree]
-    altitude: float = 300.0  # above the sea [m]; the Earth is round, which matters to satellites
-
-    def __post_init__(self) -> None:
-        within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
-        within("pitch and roll", [self.pitch, self.roll], -80.0, 80.0, "degrees", "0 looks straight down.")
-        within("altitude", self.altitude, 1.0, 4e7, "m", "Give metres above the sea.")
+    across: float = ranged(40.0, 0.0, 160.0, "degrees", "Give the full angle across the track.")
+    along: float = ranged(0.0, 0.0, 160.0, "degrees", "Give the full angle along the track; 0 is a line scanner.")
+    pitch: float = ranged(0.0, -80.0, 80.0, "degrees", "Give how far its middle looks forward; 0 is straight down.")
+    roll: float = ranged(0.0, -80.0, 80.0, "degrees", "Give how far its middle looks to the right.")
+    altitude: float = ranged(300.0, 1.0, 4e7, "m", "Give metres above the sea: the Earth is round.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import Floats, choice, within
+from ..physics._checks import Checked, Floats, one_of, ranged
 
 Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
@@ -23,7 +23,7 @@ blurs most."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Artefacts:
+class Artefacts(Checked):
     """Artefacts of an image.
 
     Attributes
@@ -36,15 +36,9 @@ class Artefacts:
         Quality of a JPEG compression, 1 to 100: square root of the values in 8 bits, each band separately.
     """
 
-    striping: float = 0.0
-    resampling: Kernel | None = None
-    jpeg: int | None = None
-
-    def __post_init__(self) -> None:
-        within("striping", self.striping, 0.0, 0.5, "", "Two per cent is 0.02.")
-        choice("resampling", self.resampling, (None, *KERNELS))
-        if self.jpeg is not None:
-            within("jpeg", self.jpeg, 1, 100, "", "75 is usual, 95 fine.")
+    striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
+    resampling: Kernel | None = one_of(None, (None, *KERNELS))
+    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.")
 
     @property
     def shift(self) -> float:

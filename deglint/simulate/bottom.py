@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import Floats, choice, within
+from ..physics._checks import Checked, Floats, choice, ranged
 from .materials import SPECTRA
 
 LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
@@ -16,7 +16,7 @@ LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bottom:
+class Bottom(Checked):
     """A bottom that rises from the left to the right edge of the image.
 
     Attributes
@@ -36,18 +36,15 @@ class Bottom:
         Size of the patches [m].
     """
 
-    depth: tuple[float, float] = (25.0, 3.0)
+    depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
     edge: tuple[float, float] | None = None
-    roughness: float = 0.0
+    roughness: float = ranged(0.0, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
     materials: tuple[str, str] = ("sand", "algae")
-    share: float = 0.4
-    patch: float = 8.0
+    share: float = ranged(0.4, 0.0, 1.0, "", "Give a share, not per cent.")
+    patch: float = ranged(8.0, 1e-2, 1e5, "m", "Give the size of a patch.")
 
     def __post_init__(self) -> None:
-        within("depth of the bottom", self.depth, LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
-        within("roughness", self.roughness, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
-        within("share of patches", self.share, 0.0, 1.0, "", "Give a share, not per cent.")
-        within("patch", self.patch, 1e-2, 1e5, "m", "Give the size of a patch.")
+        super().__post_init__()
         if self.edge is not None and not self.edge[1] > 0:
             raise InputError(f"edge must have a width above 0 m, got {self.edge[1]:g}; give (middle, width) [m]")
         for name in self.materials:

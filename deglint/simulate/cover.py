@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import choice, within
+from ..physics._checks import Checked, one_of, ranged
 from .bottom import smooth_noise
 from .materials import SPECTRA
 
@@ -31,7 +31,7 @@ BASE = ("", "vegetation", "rock", "foam")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FloatingTarget:
+class FloatingTarget(Checked):
     """A floating boat, swimmer or buoy that moves in a straight line.
 
     Attributes
@@ -52,19 +52,12 @@ class FloatingTarget:
 
     right: float
     down: float
-    length: float = 8.0
-    width: float = 2.5
-    speed: float = 0.0
-    heading: float = 0.0
-    material: str = "paint"
-    wake: float = 0.0
-
-    def __post_init__(self) -> None:
-        within("length and width", [self.length, self.width], 0.05, 500.0, "m", "Give the size of the hull.")
-        within("speed", self.speed, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
-        within("heading", self.heading, -360.0, 360.0, "degrees", "Give an azimuth from north.")
-        within("wake", self.wake, 0.0, 5000.0, "m", "Give its length.")
-        choice("material", self.material, SPECTRA)
+    length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
+    width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
+    speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
+    heading: float = ranged(0.0, -360.0, 360.0, "degrees", "Give an azimuth from north.")
+    material: str = one_of("paint", SPECTRA)
+    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
 
     def place(self, time: float) -> tuple[float, float]:
         """Position of its centre, right and down [m], after a time [s]."""

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import within
+from ..physics._checks import Checked, ranged
 
 Labels = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SubmergedObject:
+class SubmergedObject(Checked):
     """A flat matt (Lambertian) object under water.
 
     Attributes
@@ -30,12 +30,11 @@ class SubmergedObject:
     """
 
     corners: tuple[tuple[float, float], ...]
-    reflectance: float
-    depth: float = 5.0
+    reflectance: float = ranged(MISSING, 0.0, 1.0, "", "Ten per cent is 0.1.")
+    depth: float = ranged(5.0, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
 
     def __post_init__(self) -> None:
-        within("reflectance", self.reflectance, 0.0, 1.0, "", "Ten per cent is 0.1.")
-        within("depth", self.depth, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
+        super().__post_init__()
         if len(self.corners) < 3:
             raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..errors import InputError
-from ..physics._checks import choice, within
+from ..physics._checks import Checked, one_of, ranged, within
 from ..physics.atmosphere import Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
@@ -45,7 +45,7 @@ F_NUMBERS = (10.0, 30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
+class Setup(Checked):
     """Setup of a simulation.
 
     Attributes
@@ -100,7 +100,7 @@ class Setup:
     """
 
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
-    size: tuple[int, int] = (512, 512)
+    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
     wind: float = 5.0
     wind_from: float = 30.0
     spectrum: Spectrum = "elfouhaily"
@@ -108,42 +108,31 @@ class Setup:
     spreading: Spreading | None = None
     exponent: float = 2.0
     opposing: float = 0.0
-    slopes: SlopeModel = "cox-munk"
-    sun_zenith: float = 40.0
-    sun_azimuth: float = 135.0
-    view_zenith: float = 0.0
-    view_azimuth: float = 0.0
-    sky: str = "cardioidal"
+    slopes: SlopeModel = one_of("cox-munk", get_args(SlopeModel))
+    sun_zenith: float = ranged(40.0, 0.0, 80.0, "degrees", "Choose another time of day.")
+    sun_azimuth: float = ranged(135.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
+    view_zenith: float = ranged(0.0, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
+    view_azimuth: float = ranged(0.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
+    sky: str = one_of("cardioidal", SKIES)
     air: Air | None = None
-    chlorophyll: float = 0.5
+    chlorophyll: float = ranged(0.5, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
     objects: tuple[SubmergedObject, ...] = ()
     bottom: Bottom | None = None
     coast: float = 0.0
-    foam: float = 0.0
+    foam: float = ranged(0.0, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
     targets: tuple[FloatingTarget, ...] = ()
-    supersample: int = 4
-    patch: float = 0.005
+    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.")
+    patch: float = ranged(0.005, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
     misregistration: tuple[tuple[float, float], ...] = ()
     artefacts: Artefacts = field(default_factory=Artefacts)
     glint_threshold: float = 0.25
     domain: float | None = None
-    seed: int = 0
+    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.")
 
     def __post_init__(self) -> None:
-        for name in ("wind", "wind_from", "sun_azimuth", "view_azimuth", "fetch", "patch", "chlorophyll"):
-            if not np.isfinite(getattr(self, name)):
-                raise InputError(f"{name} must be a finite number, got {getattr(self, name)}; give one")
-        within("seed", self.seed, 0, 2**63, "", "Any integer that is not negative will do.")
-        choice("slopes", self.slopes, get_args(SlopeModel))
-        choice("sky", self.sky, SKIES)
-        within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
-        within("sun_zenith", self.sun_zenith, 0.0, 80.0, "degrees", "Choose another time of day.")
-        within("view_zenith", self.view_zenith, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
-        within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
-        within("patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
+        super().__post_init__()
         height, width = (side * self.sensor.gsd for side in self.size)
         within("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
-        within("foam", self.foam, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
         if len(self.targets) > MOST_TARGETS:
             raise InputError(
                 f"targets must be at most {MOST_TARGETS}, got {len(self.targets)}; simulate several scenes"
