@@ -186,9 +186,9 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
 def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
     canvas.text((_LEFT, 24), words.title, 26)
     start = canvas.lines((_LEFT, 62.0), [*conditions(plan.mission), words.shows], 15, 21, GREY) + 8
-    y = canvas.paragraph((_LEFT + 14, start), words.what, 20, _COLUMN, 27)
+    y = canvas.lines((_LEFT + 14, start), [words.what], 20, 27, width=_COLUMN)
     if words.expects:
-        y = canvas.paragraph((_LEFT + 14, y), words.expects, 15, _COLUMN, 20)
+        y = canvas.lines((_LEFT + 14, y), [words.expects], 15, 20, width=_COLUMN)
     canvas.box(_LEFT, start, 4, y - start, MAGENTA)
     return y + 16
 
@@ -241,8 +241,8 @@ def _legend(canvas: Canvas, words: Caption, y: float) -> None:
         y = row + 44
     for pattern, colour, text in words.legend:
         draw.swatch(canvas, _LEFT, y, pattern, colour)
-        y = canvas.paragraph((_LEFT + 38, y + 9), text, 13, WIDTH - _LEFT - 56, 18, anchor="lm") - 2
-    canvas.paragraph((_LEFT, y + 8), _HOW, 13, _COLUMN, 18, GREY)
+        y = canvas.lines((_LEFT + 38, y + 9), [text], 13, 18, width=WIDTH - _LEFT - 56, anchor="lm") - 2
+    canvas.lines((_LEFT, y + 8), [_HOW], 13, 18, GREY, width=_COLUMN)
 
 
 def _foot(canvas: Canvas, plan: Reticle) -> None:
