@@ -125,8 +125,6 @@ def test_a_night_has_no_best_time():
 def test_spans_of_time_that_cannot_be():
     with pytest.raises(InputError, match="must not lie before"):
         times("2026-06-21T11:00Z", "2026-06-21T10:00Z", 30)
-    with pytest.raises(InputError, match="at most 500 times, got 1441"):
-        times("2026-06-21T00:00Z", "2026-06-22T00:00Z", 1)
     with pytest.raises(InputError, match="needs a place"):
         next(plans(Mission(sun_zenith=30, sun_azimuth=100), times("2026-06-21T00:00Z", "2026-06-21T01:00Z", 30)))
 

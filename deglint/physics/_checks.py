@@ -34,6 +34,12 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
     return array
 
 
+def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
+    """As `within`, but InputError for NaN, too."""
+    if np.isnan(within(name, value, low, high, unit, remedy)).any():
+        raise InputError(f"{name} must be a finite number, got {value}; give one.")
+
+
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
     """A field of a `Checked` dataclass with its range; MISSING for no default. None is allowed, NaN is not."""
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
@@ -55,9 +61,8 @@ class Checked:
             value = getattr(self, own.name)
             if "allowed" in own.metadata:
                 choice(own.name, value, own.metadata["allowed"])
-            limits = own.metadata.get("range")
-            if limits and value is not None and np.isnan(within(own.name, value, *limits)).any():
-                raise InputError(f"{own.name} must be a finite number, got {value}; give one.")
+            if "range" in own.metadata and value is not None:
+                check_number(own.name, value, *own.metadata["range"])
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

@@ -187,5 +187,5 @@ def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
     legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")
     top = float(good.max())
     shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)
-    caption = Caption("Where to look from", blows, what, " ".join(more), legend, top)
+    caption = Caption(blows, what, " ".join(more), legend, top)
     return page(found.middle, shades, [(some, ".", ORANGE), (always, "/", ORANGE)], found.best, caption)

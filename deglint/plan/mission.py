@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import Checked, one_of, ranged, within
+from ..physics._checks import Checked, check_number, one_of, ranged
 from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -112,7 +112,7 @@ class Mission(Checked):
     sun_zenith: float | None = ranged(None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.",
                                       file="sun.zenith")  # fmt: skip
     sun_azimuth: float | None = ranged(None, -360, 360, "degrees", "Give an azimuth from north.", file="sun.azimuth")
-    wind: float = ranged(5.0, 0.1, 100, "m/s", "The slope models hold in this range only.", file="wind.speed")
+    wind: float = field(default=5.0, metadata={"file": "wind.speed"})
     wind_from: float = ranged(0.0, -360, 360, "degrees", "Give where it blows from, from north.", file="wind.from")
     wind_height: float = ranged(10.0, 1, 100, "m", "Give the height of the mast.", file="wind.height")
     air: Air | None = None
@@ -132,7 +132,7 @@ class Mission(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        within("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
+        check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
         self._check_sun()
         for name in self.bands:
             self.sensor.band(name)
@@ -148,13 +148,13 @@ class Mission(Checked):
                 "angles of the sun (--sun)."
             )
         if self.sun[0] > SUN_LIMIT:
-            high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)
-            what = "below the horizon ({:.1f} degrees)" if high < 0 else "too low ({:.1f} degrees; 1 is needed)"
-            where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
+            rise = sun.next_rise(*self.place, self.moment)
             remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
             if np.isnat(rise):
                 remedy = "It does not rise within a day; choose another date."
-            raise InputError(f"the sun is {what.format(high)} at {where}. {remedy}")
+            what = f"{'below the horizon' if self.sun[0] > 90.0 else 'too low'} ({90 - self.sun[0]:.1f} degrees)"
+            where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
+            raise InputError(f"the sun is {what} at {where}. {remedy}")
 
     @property
     def place(self) -> tuple[float, float] | None:
@@ -215,16 +215,13 @@ class Mission(Checked):
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the validity of the plan."""
-        out = []
-        if self.wind > MEASURED_WIND:
-            out.append(f"wind {self.wind:g} m/s: slopes were measured up to {MEASURED_WIND:g} m/s; foam is left out.")
-        if self.wind < 1.0:
-            out.append(f"wind {self.wind:g} m/s: slopes were measured from 1 m/s on; swell is left out.")
-        if self.sun[0] > 75.0:
-            out.append(
-                f"sun {90 - self.sun[0]:.0f} degrees high: the light in the water is that of a sun at 15 degrees."
-            )
-        return tuple(out)
+        wind, high = f"wind {self.wind:g} m/s: slopes were measured", 90 - self.sun[0]
+        known = {
+            f"{wind} up to {MEASURED_WIND:g} m/s; foam is left out.": self.wind > MEASURED_WIND,
+            f"{wind} from 1 m/s on; swell is left out.": self.wind < 1.0,
+            f"sun {high:.0f} degrees high: the light in the water is that of a sun at 15 degrees.": high < 15.0,
+        }
+        return tuple(text for text, holds in known.items() if holds)
 
     def at(self, time: Any) -> Mission:
         """The same mission at another time, with the sun of that time."""

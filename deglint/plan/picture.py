@@ -24,7 +24,7 @@ _HOW = (
 )
 
 
-def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
+def picture(plan: Reticle, *, band: str | None = None) -> Image:
     """Draw a plan of all bands together, or of one band.
 
     Raises BandError: there is no such band.
@@ -42,14 +42,13 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
     )
     expects = "" if geometry is None else quality(geometry)
     top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
-    words = Caption(title, f"Map: contrast over noise, {shown}", sentence(geometry), expects, legend, top)
+    words = Caption(f"Map: contrast over noise, {shown}", sentence(geometry), expects, legend, top)
     return page(plan, contrast / max(top, 1e-9), patterns, geometry, words)
 
 
 class Caption(NamedTuple):
     """Text beside a disc."""
 
-    title: str
     shows: str  # what the map shows
     what: str  # the best viewing geometry
     expects: str  # what to expect of it
@@ -184,7 +183,7 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
 
 
 def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
-    canvas.text((_LEFT, 24), words.title, 26)
+    canvas.text((_LEFT, 24), "Where to look from", 26)
     start = canvas.lines((_LEFT, 62.0), [*conditions(plan.mission), words.shows], 15, 21, GREY) + 8
     y = canvas.lines((_LEFT + 14, start), [words.what], 20, 27, width=_COLUMN)
     if words.expects:
@@ -250,6 +249,6 @@ def _foot(canvas: Canvas, plan: Reticle) -> None:
     target = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
     water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
     said = [f"{target}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
-    lines = [line for text in said for line in draw.wrapped(text, 13, _COLUMN)]
-    canvas.lines((_LEFT, HEIGHT - 24 - 18 * len(lines)), lines, 13, 18, GREY)
+    down = 18 * sum(len(draw.wrapped(text, 13, _COLUMN)) for text in said)
+    canvas.lines((_LEFT, HEIGHT - 24 - down), said, 13, 18, GREY, width=_COLUMN)
     canvas.line([(_LEFT - 24, 24), (_LEFT - 24, HEIGHT - 24)], PALE, 1)

@@ -89,10 +89,7 @@ class Reticle:
     def index(self, band: str) -> int:
         """Index of a band in the layers.
 
-        Raises
-        ------
-        BandError
-            There is no such band, or it is not selected in this mission.
+        Raises BandError: there is no such band, or it is not selected in this mission.
         """
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
@@ -236,9 +233,8 @@ def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Float
 
 def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
     """Zenith angles and azimuths of the viewing geometries of a mission [degree]."""
-    down = round(mission.widest / mission.step)
-    around = round(360.0 / mission.step)
-    return np.linspace(0.0, mission.widest, max(down, 1) + 1), np.linspace(0.0, 360.0, around + 1)
+    down, around = round(mission.widest / mission.step), round(360.0 / mission.step)
+    return np.linspace(0.0, mission.widest, down + 1), np.linspace(0.0, 360.0, around + 1)
 
 
 def _noise(mission: Mission, radiance: Floats) -> Floats:

@@ -26,7 +26,7 @@ from .advice import best_geometry, description
 from .draw import png
 from .mission import Mission
 from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
-from .reticle import Reticle, reticle
+from .reticle import reticle
 
 ADDRESS = "127.0.0.1"
 SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
@@ -153,7 +153,11 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
         "words": description(best_geometry(plan, band=band)),
         "bands": list(plan.bands),
-        "pointer": _pointer(plan),
+        "pointer": {
+            "widest": plan.mission.widest,
+            "contrast": np.rint(plan.combined[::_THIN, ::_THIN]).astype(int).tolist(),
+            "glint": np.log10(np.maximum(plan.glint_probability[::_THIN, ::_THIN], 1e-12)).round(1).tolist(),
+        },
     }
 
 
@@ -166,12 +170,3 @@ def _start(base: Mission) -> dict[str, Any]:
     frame = {"width": WIDTH, "height": HEIGHT, "x": DISC_CENTRE[0], "y": DISC_CENTRE[1], "radius": DISC_RADIUS}
     return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
             "strongest": base.strongest_wind}  # fmt: skip
-
-
-def _pointer(plan: Reticle) -> dict[str, Any]:
-    contrast, glint = (layer[::_THIN, ::_THIN] for layer in (plan.combined, plan.glint_probability))
-    return {
-        "widest": plan.mission.widest,
-        "contrast": np.rint(contrast).astype(int).tolist(),
-        "glint": np.log10(np.maximum(glint, 1e-12)).round(1).tolist(),
-    }

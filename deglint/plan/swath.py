@@ -171,13 +171,13 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
     """The first alternative that is free of glint; else that with the least, if much less than the plan."""
-    least = None
+    found = []
     for one in tried:
         if one.fraction <= FREE:
             return one
-        if least is None or one.fraction < least.fraction:
-            least = one
-    return least if least is not None and least.fraction < GAIN * line.fraction[line.best] else None
+        found.append(one)
+    least = min(found, key=lambda one: one.fraction, default=None)
+    return least if least and least.fraction < GAIN * line.fraction[line.best] else None
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:

@@ -40,11 +40,6 @@ class Artefacts(Checked):
     resampling: Kernel | None = one_of(None, (None, *KERNELS))
     jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.")
 
-    @property
-    def shift(self) -> float:
-        """Offset of the sensor's grid, down and right [pixel]."""
-        return GRID_SHIFT if self.resampling else 0.0
-
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
     """Multiply each column of a band by a random gain, with a standard deviation about 1."""

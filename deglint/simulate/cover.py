@@ -6,7 +6,7 @@ It is Lambertian: there is no specular reflection of sun or sky, and no light fr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from .materials import SPECTRA
 if TYPE_CHECKING:
     from .setup import Setup
 
-Labels = npt.NDArray[np.uint8]
+Labels = npt.NDArray[np.unsignedinteger[Any]]
 
 WATER, LAND, FOAM, TARGET = range(4)
 """Values of the cover raster."""
@@ -59,12 +59,6 @@ class FloatingTarget(Checked):
     material: str = one_of("paint", SPECTRA)
     wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
 
-    def place(self, time: float) -> tuple[float, float]:
-        """Position of its centre, right and down [m], after a time [s]."""
-        azimuth = np.radians(self.heading)
-        way = self.speed * time
-        return self.right + way * float(np.sin(azimuth)), self.down - way * float(np.cos(azimuth))
-
 
 class Cover:
     """The cover of a setup at any time."""
@@ -73,7 +67,7 @@ class Cover:
         shape = setup.fine_grid
         self.setup = setup
         self.materials = (*BASE, *(target.material for target in setup.targets))
-        self._fixed = np.zeros(shape, np.uint8)
+        self._fixed = np.zeros(shape, np.uint16)
         land, foam, self._speckle = np.random.SeedSequence(setup.seed, spawn_key=(4,)).spawn(3)
         if setup.foam > 0:
             field = smooth_noise(shape, setup.facet, 6 * FOAM_PATCH, foam.spawn(1)[0])
@@ -91,7 +85,7 @@ class Cover:
         kind = np.where(smooth_noise(shape, setup.facet, LAND_PATCH, patches) > 0, 1, 2)
         # the grid repeats: its last columns lie beside the left edge of the image, where there is water
         end = 0.5 * (width + shape[1] * setup.facet)
-        np.copyto(self._fixed, kind.astype(np.uint8), where=(right > shore) & (right < end))
+        np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
         """Index into `materials` of each facet at a time [s], (row, column); 0 is open water."""
@@ -102,7 +96,8 @@ class Cover:
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
         """Draw a hull with a pointed bow, and its wake: foam that becomes thinner and wider behind the stern."""
-        facet, right, down = self.setup.facet, *target.place(time)
+        facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
+        right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake
         rows, columns = (
             slice(max(int((middle - reach) / facet), 0), max(min(int((middle + reach) / facet) + 1, count), 0))
@@ -113,7 +108,6 @@ class Cover:
             return
         north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
         east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
-        azimuth = np.radians(target.heading)
         along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target
         across = east * np.cos(azimuth) - north * np.sin(azimuth)  # and to its starboard
         half = 0.5 * target.width

@@ -13,7 +13,7 @@ from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
 from ..physics.surface import by_rows
-from .artefacts import compress, resample, stripe
+from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .bottom import depth_and_patches
 from .cover import Cover
 from .facets import Facets, facets
@@ -157,13 +157,8 @@ def simulate_together(
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
     sea, world = facets(moving, workers=workers), _World(moving)
-    shape = len(moving.sensor.bands), *moving.size
-    parts = []
-    for setup in setups:
-        own = np.empty((2, *shape), np.float32)
-        seen = np.empty_like(own) if setup.artefacts.resampling else own
-        parts.append(_Parts(own, seen, np.empty(shape, np.float32)))
-    done, total = 0, len(setups) * shape[0]
+    parts = [_Parts(setup) for setup in setups]
+    done, total = 0, len(setups) * len(moving.sensor.bands)
     for time in sorted({t for s in setups for t in s.times}):
         for _ in _add_bands(parts, setups, world, sea, time, workers):
             done += 1
@@ -216,13 +211,15 @@ class _World:
         return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
 
 
-@dataclass(frozen=True, eq=False)
 class _Parts:
-    """Radiances of one scene: truth and glint, on the map and on the grid of the sensor before resampling; water."""
+    """Radiances of one scene, (band, row, column) float32: of the water; truth and glint, on the map and as seen."""
 
-    own: Floats  # (truth or glint, band, row, column) float32
-    seen: Floats  # the same, where the sensor sees them
-    water: Floats  # (band, row, column) float32
+    def __init__(self, setup: Setup) -> None:
+        self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
+        self.own = np.empty((2, *self.water.shape), np.float32)
+        self.seen, self.shift = self.own, 0.0  # of the grid of the sensor [pixel]
+        if setup.artefacts.resampling:
+            self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
 
 def _finished(
@@ -268,7 +265,7 @@ def _add_bands(
         for n in looking:
             setup, part = setups[n], parts[n]
             sun = lit.normal[i] * sea.glint_factor
-            for off, (truth, glint) in {0.0: part.own, setup.artefacts.shift: part.seen}.items():
+            for off, (truth, glint) in {0.0: part.own, part.shift: part.seen}.items():
                 truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
                 glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
             part.water[i] = lit.water[i]
