@@ -46,10 +46,9 @@ class Limits(Checked):
     sky_ratio, sky_probability : float
         Geometries are excluded where more than a share `sky_probability` of the sea reflects more skylight than
         `sky_ratio` times the radiance of deep water.
-    snr : float
-        Least contrast of the object over noise at which it is detectable in a band.
-    ner : float, optional
-        Noise-equivalent radiance [W m-2 sr-1 nm-1]; by default that of the sensor.
+    snr, ner : float
+        Least contrast of the object over noise at which it is detectable in a band, and the noise-equivalent radiance
+        [W m-2 sr-1 nm-1], by default that of the sensor.
     """
 
     glint: float = ranged(1e-3, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
@@ -65,6 +64,8 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan; all but the place have defaults.
 
+    Raises InputError: a value is out of the range of its model, or the sun is down.
+
     Attributes
     ----------
     latitude, longitude : float, optional
@@ -73,12 +74,8 @@ class Mission(Checked):
         UTC unless a zone is given.
     sun_zenith, sun_azimuth : float, optional
         Instead of place and time [degree].
-    wind : float
-        Speed at `wind_height` [m/s].
-    wind_from : float
-        Azimuth that it blows from [degree].
-    wind_height : float
-        Height of the wind measurement [m].
+    wind, wind_from, wind_height : float
+        Speed [m/s], azimuth that it blows from [degree], and height of its measurement [m].
     air : Air, optional
         State of the atmosphere; its current wind is always that of the mission. By default the mean wind is the same,
         humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place and day.
@@ -86,23 +83,15 @@ class Mission(Checked):
         Of the case-1 water [mg m-3].
     depth, reflectance : float
         Of the object [m], [1].
-    sensor : Sensor
-    bands : tuple of str
-        Bands to use; all if empty.
-    slopes : str
-        One of `deglint.physics.slopes.MODELS`.
-    sky : str
-        One of `deglint.physics.sky.SKY_MODELS`.
+    sensor, bands : Sensor, tuple of str
+        The sensor, and those of its bands to use; all if empty.
+    slopes, sky : str
+        One of `deglint.physics.slopes.MODELS`, and one of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
         Model of the light of the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
     limits : Limits
     step, widest : float
         Step between viewing geometries, and the largest zenith angle of the sensor [degree].
-
-    Raises
-    ------
-    InputError
-        A value is out of the range of its model, or the sun is down.
     """
 
     # file: table and key in a mission file

@@ -44,11 +44,10 @@ class Reticle:
 
     Attributes
     ----------
-    mission : Mission
+    mission, light : Mission, Light
+        What was asked for; irradiances, and water-leaving radiances.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
-    light : Light
-        Irradiances, and water-leaving radiances.
     glint_probability : ndarray
         Share of the sea that reflects the solar disk, or the tolerance around its centre [1].
     glint_strength : ndarray
@@ -57,10 +56,9 @@ class Reticle:
         Reflected skylight per diffuse irradiance [1/sr].
     sky_probability : (band, ...) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
-    weber : (band, ...) ndarray
-        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1].
-    snr : (band, ...) ndarray
-        Absolute difference over the noise-equivalent radiance [1].
+    weber, snr : (band, ...) ndarray
+        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1]; absolute difference
+        over the noise-equivalent radiance [1].
     clear_of_glint : bool ndarray
         Mask of sun glint, True where the viewing geometry is good.
     clear_of_sky, detectable : (band, ...) bool ndarray
@@ -143,11 +141,6 @@ def reticle(mission: Mission) -> Reticle:
     -------
     Reticle
         Zenith angles 0 to `mission.widest`, azimuths 0 to 360, in steps of `mission.step`.
-
-    Raises
-    ------
-    InputError
-        A value is out of the range of a model.
 
     References
     ----------

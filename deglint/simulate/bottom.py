@@ -30,10 +30,8 @@ class Bottom(Checked):
         Standard deviation of the depth about this profile [m], with features of the size `patch`.
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
-    share : float
-        Share of the ground covered by patches, 0 to 1.
-    patch : float
-        Size of the patches [m].
+    share, patch : float
+        Share of the ground covered by patches, 0 to 1, and their size [m].
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")

@@ -40,14 +40,10 @@ class FloatingTarget(Checked):
         Position of its centre at the time of the first band, from the upper left corner of the image [m].
     length, width : float
         Size of the hull [m].
-    speed : float
-        Speed [m/s].
-    heading : float
-        Azimuth of its bow and of its motion [degree], clockwise from north; north is up.
-    material : str
-        See `deglint.simulate.materials.SPECTRA`.
-    wake : float
-        Length of its wake of foam [m].
+    speed, heading : float
+        Speed [m/s], and azimuth of its bow and of its motion [degree], clockwise from north; north is up.
+    material, wake : str, float
+        See `deglint.simulate.materials.SPECTRA`; length of its wake of foam [m].
     """
 
     right: float

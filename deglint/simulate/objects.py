@@ -23,10 +23,8 @@ class SubmergedObject(Checked):
     ----------
     corners : tuple of (float, float)
         Outline: distances to the right of and below the upper left corner of the image [m].
-    reflectance : float
-        0 to 1, the same at all wavelengths.
-    depth : float
-        Below the surface [m].
+    reflectance, depth : float
+        0 to 1, the same at all wavelengths; below the surface [m].
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -77,10 +75,8 @@ def thesis_array(
 
     Parameters
     ----------
-    size : (int, int)
-        Rows and columns of the image [pixel].
-    gsd : float
-        Of the image [m].
+    size, gsd : (int, int), float
+        Rows and columns of the image [pixel], and their step [m].
     reflectances : sequence of float
         One column of squares each.
     sides : sequence of float

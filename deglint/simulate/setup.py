@@ -52,10 +52,8 @@ class Setup(Checked):
         With its bands, their time offsets and the ground sampling distance.
     size : (int, int)
         Rows and columns of the image [pixel].
-    wind : float
-        At 10 m [m/s].
-    wind_from : float
-        Azimuth that it blows from [deg].
+    wind, wind_from : float
+        Speed at 10 m [m/s], and azimuth that it blows from [deg].
     spectrum, fetch, spreading, exponent, opposing
         Of the waves; see `deglint.physics.waves.Sea`.
     slopes : {"cox-munk", "cox-munk-gaussian"}
@@ -69,10 +67,8 @@ class Setup(Checked):
         State of the atmosphere; by default that of the thesis (humidity 80 %, visibility 40 km), this wind.
     chlorophyll : float
         Of the case-1 water [mg m-3].
-    objects : tuple of SubmergedObject
-        May be empty.
-    bottom : Bottom, optional
-        Of a shallow sea; by default the water is deep.
+    objects, bottom : tuple of SubmergedObject, Bottom, optional
+        What lies under water; by default it is deep and empty.
     coast : float
         Mean width of the land along the right edge [m]; 0 for none.
     foam : float
