@@ -14,7 +14,7 @@ from deglint.physics.presets import PRESETS, preset
 from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
-from deglint.simulate.facets import facets
+from deglint.simulate.facets import Facets
 from deglint.simulate.light import light
 from deglint.simulate.objects import label
 from deglint.simulate.setup import SlopeModel, experiments
@@ -97,7 +97,7 @@ def test_mean_glint_and_sky_are_those_of_the_closed_forms(wind, zenith, gsd):
             seed=seed,
             sky="uniform",
         )
-        sea = facets(setup)
+        sea = Facets(setup)
         density, mirrored = sea.at(0.0)
         got.append([density.mean(dtype=np.float64) * sea.glint_factor, mirrored.mean(dtype=np.float64) * np.pi])
     at_mast = slopes.wind_at_height(wind)
@@ -113,7 +113,7 @@ def test_mean_glint_seen_at_an_angle_follows_the_closed_form():
     got = []
     for seed in range(6):
         setup = Setup(sensor=replace(STILL, gsd=1.0), wind=6.0, size=(192, 192), seed=seed, **look)
-        sea = facets(setup)
+        sea = Facets(setup)
         got.append(sea.at(0.0)[0].mean(dtype=np.float64) * sea.glint_factor)
     closed = glint.sun_glint(*look.values(), wind=slopes.wind_at_height(6.0), wind_from=30.0).radiance
     assert np.mean(got) == pytest.approx(float(closed), rel=0.03)
@@ -127,7 +127,7 @@ def test_mean_glint_seen_at_an_angle_follows_the_closed_form():
 )  # fmt: skip
 def test_resolved_and_unresolved_slopes_add_up_to_those_measured(name, wind, spectrum):
     setup = Setup(sensor=preset(name), wind=wind, spectrum=spectrum, fetch=20e3, size=(16, 16))
-    sea = facets(setup)
+    sea = Facets(setup)
     assert max(setup.slope_variance) > min(sea.unresolved) > 0
     parts = sea.slope_variance, sea.sparkle, sea.unresolved, setup.slope_variance
     for resolved, sparkle, about, measured in zip(*parts, strict=True):
@@ -139,7 +139,7 @@ def test_sparkle_forgets_as_the_spectrum_says():
     lags = np.array([0.008, 0.016, 0.030, 0.060])
     sensor = replace(STILL, bands=tuple(replace(STILL.bands[0], time_offset=t) for t in (0.0, *lags)))
     setup = Setup(sensor=sensor, size=(64, 64), wind=4.0, patch=0.05)
-    sea = facets(setup)
+    sea = Facets(setup)
     amplitudes, choice, frequencies = sea._sparkle
     phase = frequencies[choice][..., None] * np.concatenate([[0.0], lags])
     tilt = amplitudes[..., 0:1] * np.cos(phase) + amplitudes[..., 1:2] * np.sin(phase)
@@ -155,7 +155,7 @@ def test_sparkle_forgets_as_the_spectrum_says():
 
 def hits(setup, cone):
     """Which facets mirror a direction within `cone` degrees of the sun straight up, each having one slope."""
-    sea = facets(setup)
+    sea = Facets(setup)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(), setup.wind_from)
     east, north = slopes.from_wind_axes(up + sea._sparkle[0][..., 0], cross + sea._sparkle[0][..., 2], setup.wind_from)
     squared = 1 + east**2 + north**2
@@ -182,7 +182,7 @@ def test_facets_that_hit_the_sun_are_as_many_as_the_avoidance_tool_says():
 
 def test_kernel_agrees_with_plain_numpy():
     setup = replace(SMALL, sensor=THESIS, sky="uniform", patch=0.03)
-    sea, time = facets(setup), 0.06
+    sea, time = Facets(setup), 0.06
     got, mirrored = sea.at(time)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(time), setup.wind_from)
     amplitudes, choice, frequencies = sea._sparkle
@@ -357,7 +357,7 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
 )
 def test_what_cannot_be_is_refused_in_one_line(change, words):
     with pytest.raises(InputError) as caught:
-        facets(replace(SMALL, **({"size": (16, 16)} if "domain" in change else {}), **change))
+        Facets(replace(SMALL, **({"size": (16, 16)} if "domain" in change else {}), **change))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -8,7 +8,6 @@ depend on the band, except through its time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from ..physics import fresnel, glint, sky, slopes
 from ..physics._checks import Floats
 from ..physics.spectra import dispersion
-from ..physics.surface import Surface, by_rows, normals, realise
+from ..physics.surface import by_rows, normals, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
@@ -25,19 +24,37 @@ LEAST_SLOPE = 0.01
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
 
 
-@dataclass(frozen=True, eq=False)
 class Facets:
-    """The facets of one scene; pairs are upwind and crosswind."""
+    """The facets of one scene, drawn at random; pairs are upwind and crosswind.
 
-    setup: Setup
-    surface: Surface  # the resolved waves
-    slope_scale: tuple[float, float]  # factors on the slopes of the grid, below 1 where these exceed what is measured
-    sparkle: tuple[float, float]  # variance of the slopes that unresolved waves give facets as a whole
-    unresolved: tuple[float, float]  # variance of the slopes about each facet
-    glinting_slope: tuple[float, float]  # of a facet that reflects the sun into the sensor
-    glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
-    _sparkle: tuple[Any, Any, Any]
-    _sky: Floats
+    Notes
+    -----
+    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
+    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
+    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
+    of 25 cm: every facet contains most of the unresolved slopes.
+    """
+
+    def __init__(self, setup: Setup, *, workers: int = 1) -> None:
+        waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
+        self.setup = setup
+        self.surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
+        measured, resolved = np.asarray(setup.slope_variance), np.asarray(self.surface.slope_variance)
+        scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
+        unresolved = measured - scale**2 * resolved
+        about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
+        about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
+        self.slope_scale = _pair(
+            scale
+        )  # factors on the slopes of the grid, below 1 where they exceed what is measured
+        self.sparkle = _pair(unresolved - about)  # variance of the slopes that unresolved waves give facets as a whole
+        self.unresolved = _pair(about)  # variance of the slopes about each facet
+        facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
+        self.glinting_slope = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
+        # glint radiance per slope density and irradiance facing the sun [1/sr]
+        self.glint_factor = _glint_factor(setup, facet, self.glinting_slope)
+        self._sparkle = _draw_sparkle(setup, self.sparkle, sparkle, workers)
+        self._sky = _sky_table(setup, self.unresolved)
 
     @property
     def slope_variance(self) -> tuple[float, float]:
@@ -68,31 +85,6 @@ class Facets:
         wanted = (*self.glinting_slope, *self.unresolved)
         by_rows(lambda *rows: reflect(packed, sparkle, out, rows, wind, wanted, table), len(packed), workers)
         return out
-
-
-def facets(setup: Setup, *, workers: int = 1) -> Facets:
-    """Draw random facets for a setup.
-
-    Notes
-    -----
-    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
-    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
-    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
-    of 25 cm: every facet contains most of the unresolved slopes.
-    """
-    waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
-    surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
-    measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
-    slope_scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
-    unresolved = measured - slope_scale**2 * resolved
-    about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
-    about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
-    tilts = _pair(unresolved - about)
-    drawn = _draw_sparkle(setup, tilts, sparkle, workers)
-    facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
-    glinting = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
-    factor, table = _glint_factor(setup, facet, glinting), _sky_table(setup, _pair(about))
-    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), glinting, factor, drawn, table)
 
 
 def _pair(values: Floats | tuple[Floats, Floats]) -> tuple[float, float]:

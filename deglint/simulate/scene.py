@@ -16,7 +16,7 @@ from ..physics.surface import by_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .bottom import depth_and_patches
 from .cover import Cover
-from .facets import Facets, facets
+from .facets import Facets
 from .light import Light, light, matt
 from .objects import label
 from .setup import Setup, check_one_sea
@@ -156,7 +156,7 @@ def simulate_together(
     check_one_sea(setups)
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
-    sea, world = facets(moving, workers=workers), _World(moving)
+    sea, world = Facets(moving, workers=workers), _World(moving)
     parts = [_Parts(setup) for setup in setups]
     done, total = 0, len(setups) * len(moving.sensor.bands)
     for time in sorted({t for s in setups for t in s.times}):
