@@ -19,7 +19,7 @@ from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
 from deglint.plan.picture import layers, picture, sky_disc
 from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
 from deglint.plan.sweep import plans, times
-from deglint.plan.uncertainty import wind_ensemble
+from deglint.plan.uncertainty import WindEnsemble
 
 from .timing import ROOT
 
@@ -126,7 +126,7 @@ def examples():
         "reticle": picture(reticle(bay)),
         "day": day_picture(bay, moments, {k: found[k][1] for k in selected(moments)}),
         "heading": line_picture(bay, line, words(line, alternatives(bay, line))),
-        "wind": wind_picture(wind_ensemble(bay, speed=2.0, turn=30.0), speed=2.0, turn=30.0),
+        "wind": wind_picture(WindEnsemble(bay)),
     }
 
 

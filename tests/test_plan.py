@@ -15,7 +15,7 @@ from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.reticle import light
+from deglint.plan.reticle import Light
 
 TABLES = Path(__file__).parents[1].parent / "shared" / "tables"
 THESIS = {
@@ -103,7 +103,7 @@ def test_a_reticle_is_the_physics_room_look_by_look(zenith, azimuth, wind, wind_
 def test_water_is_that_of_the_physics_room_at_every_nanometre(zenith, band):
     made = mission(sun_zenith=zenith, bands=(band,))
     views, turns = np.array([0.0, 13.0, 40.0, 70.0]), np.array([0.2, 90.2, 300.0])
-    found = light(made, views, turns)
+    found = Light(made, views, turns)
     edges = made.channels[0]
     wave = np.arange(edges.low, min(edges.high, 1000.0) + 0.5)[:, None, None]
     direct, diffuse = atmosphere.irradiance(wave, zenith, made.weather)

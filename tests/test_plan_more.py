@@ -18,7 +18,7 @@ from deglint.plan.picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, layers
 from deglint.plan.swath import FieldOfView, alternatives, flight_line, viewing_geometries
 from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import best_moment, next_daylight, plans, table, times
-from deglint.plan.uncertainty import wind_ensemble, words
+from deglint.plan.uncertainty import WindEnsemble, words
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
 
@@ -242,7 +242,7 @@ def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
 
 def test_an_uncertain_wind_gives_intervals():
     coarse = replace(BAY, step=5.0)
-    found = wind_ensemble(coarse, speed=2.0, turn=40.0)
+    found = WindEnsemble(coarse, speed=2.0, turn=40.0)
     assert found.winds[0][0] == 5.0
     assert found.winds[0][-1] == 9.0
     for wind, wind_from in ((5.0, 350.0), (9.0, 270.0), (7.0, 310.0)):
@@ -256,15 +256,15 @@ def test_an_uncertain_wind_gives_intervals():
     low, high = found.at(geometry)["contrast"]
     assert 0 < low <= geometry.contrast <= high
     assert "Whatever the wind" in words(found)[1]
-    assert wind_picture(found, speed=2.0, turn=40.0).shape == (HEIGHT, WIDTH, 3)
+    assert wind_picture(found).shape == (HEIGHT, WIDTH, 3)
 
 
 def test_a_wind_that_is_known_is_no_interval():
-    found = wind_ensemble(replace(BAY, step=5.0), speed=0.0, turn=0.0)
+    found = WindEnsemble(replace(BAY, step=5.0), speed=0.0, turn=0.0)
     np.testing.assert_array_equal(found.glint[0], found.glint[1])
     np.testing.assert_array_equal(found.contrast[0], found.middle.combined)
     with pytest.raises(InputError, match="180 stands for not known"):
-        wind_ensemble(BAY, turn=200.0)
+        WindEnsemble(BAY, turn=200.0)
 
 
 def test_the_picture_shows_what_the_plan_says():

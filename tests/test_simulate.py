@@ -15,7 +15,7 @@ from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
 from deglint.simulate.facets import Facets
-from deglint.simulate.light import light
+from deglint.simulate.light import Light
 from deglint.simulate.objects import label
 from deglint.simulate.setup import SlopeModel, experiments
 
@@ -66,7 +66,7 @@ def test_light_of_the_worked_case_in_five_bands(name):
         sky="uniform",
         objects=(square(20, 20, 4, reflectance=0.15, depth=10),),
     )
-    lit = light(setup)
+    lit = Light(setup)
     view = setup.view_zenith, setup.view_azimuth
     wind = {"wind": 9.0, "wind_from": 0.0}
     bright = glint.sun_glint(20.5, 270.2, *view, **wind).radiance * lit.normal

@@ -15,7 +15,7 @@ from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand
 from deglint.simulate import Artefacts, Bottom, FloatingTarget, Setup, simulate, simulate_together, square, whitecaps
 from deglint.simulate.cover import Cover
-from deglint.simulate.light import light, matt
+from deglint.simulate.light import Light
 from deglint.simulate.materials import SPECTRA, WAVELENGTHS, reflectance
 
 THESIS = preset("thesis")
@@ -96,7 +96,7 @@ def test_light_over_a_bottom_falls_off_as_beer_and_lambert_say(angle, sun, chlor
     """The difference of two grounds falls as exp(-K z) with the path of the sun and that to the sensor."""
     bottom = Bottom(materials=("sand", "algae"))
     setup = replace(SEA, sensor=NARROW, view_zenith=angle, sun_zenith=sun, chlorophyll=chlorophyll, bottom=bottom)
-    lit = light(setup)
+    lit = Light(setup)
     here = case1(550.0, setup.chlorophyll)
     k, u = here.absorption + here.backscattering, here.backscattering / (here.absorption + here.backscattering)
     down, up = (1 / np.cos(np.radians(fresnel.refraction_angle(a))) for a in (setup.sun_zenith, angle))
@@ -172,7 +172,7 @@ def test_what_floats_hides_glint_and_sky_and_has_its_colour():
     below = square(12.0, 8.0, 2.0, reflectance=0.2)
     scene = simulate(replace(SEA, wind=4.0, targets=(boat,), objects=(below,)))
     inside = np.s_[:, 28:36, 36:52]
-    colour = matt(scene.light, scene.setup, ["orange"])[0]
+    colour = scene.light.matt(["orange"])[0]
     assert scene.glint[inside].max() < 0.02 * scene.glint.max()
     for truth in (scene.truth, scene.truth_water):
         np.testing.assert_allclose(truth[inside].mean(axis=(1, 2)), colour, rtol=0.03)

@@ -96,10 +96,8 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
     """Viewing geometries that are free of glint for every wind of an interval."""
-    within = {"turn": 30.0, **given["wind_within"]}
-    found = uncertainty.wind_ensemble(mission, **within)
-    numbers, said = uncertainty.numbers(found, **within), uncertainty.words(found)
-    _finish(given, lambda: wind_picture(found, **within), numbers, said)
+    found = uncertainty.WindEnsemble(mission, **given["wind_within"])
+    _finish(given, lambda: wind_picture(found), uncertainty.numbers(found), uncertainty.words(found))
 
 
 def flight_line(given: Given, mission: Any, _console: Console) -> None:

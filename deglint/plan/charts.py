@@ -176,14 +176,14 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
     canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
 
 
-def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
+def wind_picture(found: WindEnsemble) -> Image:
     """Reticle of the worst case: viewing geometries that are good under every wind, under some, or under none."""
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)
     what, *more = words(found)
     count = len(found.winds[0]) * len(found.winds[1])
-    blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
+    blows = f"Wind ± {found.speed:g} m/s and ± {found.turn:g}°: the worst of {count} winds"
     legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")
     top = float(good.max())
     shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)

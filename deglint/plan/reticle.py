@@ -25,15 +25,28 @@ from .skylight import skylight
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
 class Light:
-    """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
+    """Mean light in each band, for viewing geometries on a grid of zenith angles and azimuths of the sensor [degree].
 
-    direct: Floats  # irradiance of a level plane by the sun
-    diffuse: Floats  # irradiance of a level plane by the sky
-    normal: Floats  # irradiance of a plane that faces the sun, by the sun alone
-    background: Floats  # radiance out of the deep water
-    target: Floats  # radiance out of the water over the object
+    Irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]. Deep water follows Lee et al.
+    (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70 degrees); the object follows
+    `water.submerged_reflectance` or `water.absorption_only_reflectance`.
+    """
+
+    def __init__(self, mission: Mission, zenith: Floats, azimuth: Floats) -> None:
+        wavelength, mean = band_means(mission.channels)
+        sun_zenith, sun_azimuth = mission.sun
+        direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
+        self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a level plane by the sun, by the sky
+        self.normal = self.direct / np.cos(np.radians(sun_zenith))  # of a plane that faces the sun, by the sun alone
+        sea = case1(wavelength, mission.chlorophyll)
+        terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
+        angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
+        # radiance out of the deep water, and out of the water over the object
+        self.background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
+        kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
+        self.target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
+        self.target += mean(shine * (direct + diffuse)[:, None])[..., None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +169,7 @@ def reticle(mission: Mission) -> Reticle:
     """
     limits, wind = mission.limits, mission.slope_wind
     zenith, azimuth = viewing_geometries(mission)
-    seen = light(mission, zenith, azimuth)
+    seen = Light(mission, zenith, azimuth)
     disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
     spark = glint.sun_glint(
         *mission.sun, zenith[:, None], azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
@@ -186,26 +199,6 @@ def reticle(mission: Mission) -> Reticle:
         clear_of_sky=sky_probability <= limits.sky_probability,
         detectable=(snr > limits.snr) & (np.maximum(seen.background, seen.target) + rest < brightest),
     )
-
-
-def light(mission: Mission, zenith: Floats, azimuth: Floats) -> Light:
-    """Light for all viewing geometries of a grid of zenith angles and azimuths of the sensor [degree].
-
-    Deep water follows Lee et al. (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70
-    degrees); the object follows `water.submerged_reflectance` or `water.absorption_only_reflectance`.
-    """
-    wavelength, mean = band_means(mission.channels)
-    sun_zenith, sun_azimuth = mission.sun
-    direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
-    sea = case1(wavelength, mission.chlorophyll)
-    terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
-    angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
-    background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
-    kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
-    target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
-    target += mean(shine * (direct + diffuse)[:, None])[..., None]
-    level = mean(direct)
-    return Light(level, mean(diffuse), level / np.cos(np.radians(sun_zenith)), background, target)
 
 
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:

@@ -44,9 +44,7 @@ class Facets:
         unresolved = measured - scale**2 * resolved
         about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
         about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
-        self.slope_scale = _pair(
-            scale
-        )  # factors on the slopes of the grid, below 1 where they exceed what is measured
+        self.slope_scale = _pair(scale)  # factors on the slopes of the grid, below 1 where they exceed what is measured
         self.sparkle = _pair(unresolved - about)  # variance of the slopes that unresolved waves give facets as a whole
         self.unresolved = _pair(about)  # variance of the slopes about each facet
         facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)

@@ -17,7 +17,7 @@ from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .bottom import depth_and_patches
 from .cover import Cover
 from .facets import Facets
-from .light import Light, light, matt
+from .light import Light
 from .objects import label
 from .setup import Setup, check_one_sea
 
@@ -176,7 +176,7 @@ class _World:
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
-        self.setup, self.lit = setup, light(setup)
+        self.setup, self.lit = setup, Light(setup)
         self.labels: Numbers = label(setup.objects, shape, setup.facet)  # number of the submerged object, from 1
         self.depth: Floats | None = None
         if setup.bottom is not None:
@@ -187,7 +187,7 @@ class _World:
             self.labels = np.where(buried, np.uint16(0), self.labels)
         self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
         # radiance of the materials of the cover, (material, band)
-        self.matt = matt(self.lit, setup, self.cover.materials) if self.cover else np.zeros((0, 0))
+        self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     @property
     def is_plain(self) -> bool:
