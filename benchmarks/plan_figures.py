@@ -17,7 +17,7 @@ from deglint.plan import Limits, Mission, reticle
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
 from deglint.plan.picture import layers, picture, sky_disc
-from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
+from deglint.plan.swath import FieldOfView, Line, alternatives, words
 from deglint.plan.sweep import plans, times
 from deglint.plan.uncertainty import WindEnsemble
 
@@ -121,7 +121,7 @@ def examples():
     bay = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0)
     found = list(plans(bay, times("2026-06-21T13:00Z", "2026-06-22T02:30Z", 90)))
     moments = [moment for moment, _ in found]
-    line = flight_line(bay, FieldOfView(across=30.0, roll=25.0))
+    line = Line(bay, FieldOfView(across=30.0, roll=25.0))
     return {
         "reticle": picture(reticle(bay)),
         "day": day_picture(bay, moments, {k: found[k][1] for k in selected(moments)}),

@@ -108,7 +108,7 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
     view = swath.FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
-    found = swath.flight_line(mission, view)
+    found = swath.Line(mission, view)
     others = swath.alternatives(mission, found)
     said = swath.words(found, others)
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)

@@ -45,16 +45,28 @@ class FieldOfView(Checked):
     altitude: float = ranged(300.0, 1.0, 4e7, "m", "Give metres above the sea: the Earth is round.")
 
 
-@dataclass(frozen=True, eq=False)
 class Line:
-    """Glint on flight lines of every heading [degree]."""
+    """Glint over the field of view on flight lines, for headings [degree], by default every 5 degrees.
 
-    view: FieldOfView
-    heading: Floats
-    fraction: Floats  # share of the view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
-    mean: Floats  # mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
-    across: Floats  # angles across the track, right positive, (across,) [degree]
-    profile: Floats  # largest glint along the track at each angle across, (heading, across) [1/sr]
+    Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
+    """
+
+    def __init__(self, mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> None:
+        self.view = view
+        self.heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, float))
+        zenith, azimuth = viewing_geometries(view, self.heading)
+        seen, wind = zenith < glint.VIEW_LIMIT, mission.slope_wind
+        strength = glint.sun_glint(
+            *mission.sun, np.where(seen, zenith, 0.0), azimuth,
+            wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
+        ).radiance  # fmt: skip
+        kept = np.where(seen, strength, 0.0)
+        # share of the view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
+        self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))
+        self.mean = kept.mean(axis=(1, 2))  # glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
+        self.across = np.linspace(-0.5, 0.5, _ACROSS) * view.across  # angles across the track, right positive [degree]
+        # largest glint along the track at each angle across, (heading, across) [1/sr]
+        self.profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
 
     @property
     def best(self) -> int:
@@ -113,26 +125,6 @@ def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Float
     zenith = np.degrees(np.arcsin(np.where((sine <= 1.0) & (down > 0.0), sine, np.nan)))
     towards = np.degrees(np.arctan2(right, ahead)) + np.asarray(heading, np.float64)[..., None, None]
     return np.broadcast_to(zenith, towards.shape), (towards + 180.0) % 360.0
-
-
-def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> Line:
-    """Glint over the field of view for headings [degree], by default every 5 degrees.
-
-    Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
-    """
-    heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
-    zenith, azimuth = viewing_geometries(view, heading)
-    seen = zenith < glint.VIEW_LIMIT
-    wind = mission.slope_wind
-    above = np.where(seen, zenith, 0.0)
-    strength = glint.sun_glint(
-        *mission.sun, above, azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model
-    ).radiance
-    spoilt = ~seen | (strength > mission.limits.glint)
-    kept = np.where(seen, strength, 0.0)
-    profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
-    across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
-    return Line(view, heading, spoilt.mean(axis=(1, 2)), kept.mean(axis=(1, 2)), across, profile)
 
 
 @dataclass(frozen=True)
@@ -200,7 +192,7 @@ def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> Alternative:
-    line = flight_line(mission, view, HEADINGS)
+    line = Line(mission, view, HEADINGS)
     k = line.best
     return Alternative(float(line.heading[k]), float(line.fraction[k]), time, view.pitch, view.roll)
 
