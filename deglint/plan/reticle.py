@@ -20,7 +20,7 @@ from ..physics._checks import Floats
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
-from .skylight import skylight
+from .skylight import Skylight
 
 Mask = npt.NDArray[np.bool_]
 
@@ -175,7 +175,7 @@ def reticle(mission: Mission) -> Reticle:
         *mission.sun, zenith[:, None], azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
         solid_angle=disk,
     )  # fmt: skip
-    mirrored = skylight(zenith, azimuth, mission.sun, wind, model=mission.sky)
+    mirrored = Skylight(zenith, azimuth, mission.sun, wind, model=mission.sky)
     ratio = (limits.sky_ratio / seen.diffuse)[:, None, None] * seen.background
     sky_probability = mirrored.share_above(ratio)
     rest = seen.normal[:, None, None] * spark.radiance + seen.diffuse[:, None, None] * mirrored.mean

@@ -8,8 +8,7 @@ that reflect the sea instead of the sky do not contribute.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +24,7 @@ LEVELS = np.geomspace(2e-3, 2.0, 120)
 """Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
 
 
-@dataclass(frozen=True)
-class Wind:
+class Wind(NamedTuple):
     """Wind for the slope model: speed at its reference height [m/s], azimuth it blows from [degree], model."""
 
     speed: float
@@ -34,12 +32,24 @@ class Wind:
     model: str
 
 
-@dataclass(frozen=True, eq=False)
 class Skylight:
-    """Reflected skylight at viewing geometries."""
+    """Reflected skylight for zenith angles and azimuths of the sensor; `sun` is a zenith angle and an azimuth [degree].
 
-    mean: Floats  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
-    brighter: Floats  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
+    under a clear sky in strong wind.
+    """
+
+    def __init__(
+        self, zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
+    ) -> None:
+        nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
+        around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
+        mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
+        down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
+        # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
+        self.mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
+        # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+        self.brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
 
     def share_above(self, level: Floats) -> Floats:
         """Share of the sea whose facets reflect more than `level` [1/sr]; both (band, zenith, azimuth)."""
@@ -53,23 +63,6 @@ class Skylight:
         where = low.reshape(len(level), -1) * flat.shape[1] + np.arange(flat.shape[1])
         below, above = np.take(flat, where), np.take(flat, where + flat.shape[1])
         return np.asarray(below + (above - below) * part.reshape(below.shape)).reshape(level.shape)
-
-
-def skylight(
-    zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
-) -> Skylight:
-    """Reflected skylight for zenith angles and azimuths of the sensor [degree]; `sun` is a zenith angle and an azimuth.
-
-    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
-    under a clear sky in strong wind.
-    """
-    nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
-    around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
-    mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
-    down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
-    mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
-    brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
-    return Skylight(mean, brighter)
 
 
 def _carried(
