@@ -157,18 +157,15 @@ def simulate_together(
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
     sea, world = Facets(moving, workers=workers), _World(moving)
-    parts = [_Parts(setup) for setup in setups]
+    shots = [_Shot(setup, workers) for setup in setups]
     done, total = 0, len(setups) * len(moving.sensor.bands)
     for time in sorted({t for s in setups for t in s.times}):
-        for _ in _add_bands(parts, setups, world, sea, time, workers):
+        for _ in _add_bands(shots, world, sea, time, workers):
             done += 1
             if progress:
                 progress(done, total)
     surface = _surface(sea, workers) if keep_surface else (None, None)
-    return tuple(
-        _finished(setup, world, part, surface, sea.slope_variance, workers)
-        for setup, part in zip(setups, parts, strict=True)
-    )
+    return tuple(shot.finished(world, surface, sea.slope_variance) for shot in shots)
 
 
 class _World:
@@ -211,40 +208,65 @@ class _World:
         return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
 
 
-class _Parts:
-    """Radiances of one scene, (band, row, column) float32: of the water; truth and glint, on the map and as seen."""
+class _Shot:
+    """A scene in the making: radiances of the water, of the truth and of the glint, (band, row, column) float32."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, workers: int) -> None:
+        self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
-        self.own = np.empty((2, *self.water.shape), np.float32)
-        self.seen, self.shift = self.own, 0.0  # of the grid of the sensor [pixel]
+        self.own = np.empty((2, *self.water.shape), np.float32)  # truth and glint
+        self.seen, self.shift = self.own, 0.0  # the same on the grid of the sensor, and where that lies [pixel]
         if setup.artefacts.resampling:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
+    def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
+        """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
+        setup = self.setup
+        down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
+        wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
+        factor, workers = setup.supersample, self.workers
+        seen = observe(spectrum, setup.sensor, wavelength, factor=factor, shift=shift, workers=workers)
+        return seen[: setup.size[0], : setup.size[1]]
 
-def _finished(
-    setup: Setup, world: _World, parts: _Parts, surface: tuple[Floats | None, Floats | None],
-    variance: tuple[float, float], workers: int,
-) -> SimulatedScene:  # fmt: skip
-    truth, glint = parts.own
-    image = _digitise(setup, parts.seen[0] + parts.seen[1], workers)
-    truth_image = _digitise(setup, parts.seen[0], workers)
-    ids = world.on_pixels(world.labels)
-    cover = None
-    if world.cover is not None:
-        seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
-        cover = np.stack([seen[t] for t in setup.times])
-        ids[(cover > 0).any(axis=0)] = 0
-    depth = None if world.depth is None else world.on_pixels(world.depth)
-    mask = glint > setup.glint_threshold * truth
-    return SimulatedScene(
-        setup, world.lit, image, truth, truth_image, glint, mask, ids, *surface, variance, parts.water, cover, depth
-    )
+    def digitised(self, radiance: Floats) -> Numbers:
+        """Digital numbers with artefacts; noise is from a seed of each band, the same for image and truth."""
+        setup, sensor, artefacts = self.setup, self.setup.sensor, self.setup.artefacts
+        seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
+        gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
+        out = np.empty(radiance.shape, np.uint16)
+
+        def draw(first: int, last: int) -> None:
+            for i in range(first, last):
+                generator = np.random.default_rng(seeds[i])
+                striped = stripe(radiance[i], artefacts.striping, gains[i])
+                out[i] = digitise(striped, sensor, sensor.bands[i], generator=generator)
+                if artefacts.resampling:
+                    out[i] = resample(out[i], artefacts.resampling, sensor.levels)
+                if artefacts.jpeg:
+                    out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
+
+        by_rows(draw, len(radiance), self.workers)
+        return out
+
+    def finished(
+        self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
+    ) -> SimulatedScene:
+        """The scene, once all bands are there."""
+        setup, (truth, glint) = self.setup, self.own
+        image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
+        ids, cover = world.on_pixels(world.labels), None
+        if world.cover is not None:
+            seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
+            cover = np.stack([seen[t] for t in setup.times])
+            ids[(cover > 0).any(axis=0)] = 0
+        depth = None if world.depth is None else world.on_pixels(world.depth)
+        mask = glint > setup.glint_threshold * truth
+        return SimulatedScene(
+            setup, world.lit, image, truth, truth_image, glint, mask, ids, *surface, variance, self.water, cover, depth
+        )
 
 
-def _add_bands(
-    parts: Sequence[_Parts], setups: Sequence[Setup], world: _World, sea: Facets, time: float, workers: int
-) -> Iterator[None]:
+def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
     """Fill in the bands that see the sea at one time, and yield after each."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
@@ -254,7 +276,7 @@ def _add_bands(
     del density
     lit = world.lit
     for i in range(len(lit.water)):
-        looking = [n for n, s in enumerate(setups) if s.times[i] == time]
+        looking = [shot for shot in shots if shot.setup.times[i] == time]
         if not looking:
             continue
         spectrum, factor, level = sky_spectrum, lit.diffuse[i], lit.water[i]
@@ -262,45 +284,15 @@ def _add_bands(
             both = world.leaving(i, cover)
             both += np.float32(factor) * mirrored
             spectrum, factor, level = transform(both, workers=workers), 1.0, 0.0
-        for n in looking:
-            setup, part = setups[n], parts[n]
-            sun = lit.normal[i] * sea.glint_factor
-            for off, (truth, glint) in {0.0: part.own, part.shift: part.seen}.items():
-                truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
-                glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
-            part.water[i] = lit.water[i]
+        sun = lit.normal[i] * sea.glint_factor
+        for shot in looking:
+            for off, (truth, glint) in {0.0: shot.own, shot.shift: shot.seen}.items():
+                truth[i] = level + factor * shot.pixels(spectrum, i, off)
+                glint[i] = np.maximum(sun * shot.pixels(density_spectrum, i, off), 0.0)
+            shot.water[i] = lit.water[i]
             if not world.is_plain:
-                part.water[i] = part.own[0, i] - lit.diffuse[i] * _pixels(sky_spectrum, setup, i, workers, 0.0)
+                shot.water[i] = shot.own[0, i] - lit.diffuse[i] * shot.pixels(sky_spectrum, i)
             yield
-
-
-def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Floats:
-    """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
-    down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
-    wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
-    seen = observe(spectrum, setup.sensor, wavelength, factor=setup.supersample, shift=shift, workers=workers)
-    return seen[: setup.size[0], : setup.size[1]]
-
-
-def _digitise(setup: Setup, radiance: Floats, workers: int) -> Numbers:
-    """Digital numbers with artefacts; a band draws its noise from a seed of its own, the same for image and truth."""
-    seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
-    gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
-    out = np.empty(radiance.shape, np.uint16)
-    sensor, artefacts = setup.sensor, setup.artefacts
-
-    def draw(first: int, last: int) -> None:
-        for i in range(first, last):
-            generator = np.random.default_rng(seeds[i])
-            striped = stripe(radiance[i], artefacts.striping, gains[i])
-            out[i] = digitise(striped, sensor, sensor.bands[i], generator=generator)
-            if artefacts.resampling:
-                out[i] = resample(out[i], artefacts.resampling, sensor.levels)
-            if artefacts.jpeg:
-                out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
-
-    by_rows(draw, len(radiance), workers)
-    return out
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
