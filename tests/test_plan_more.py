@@ -99,7 +99,7 @@ def test_a_day():
     assert [m.geometry is None for m in moments[:3]] == [True, True, False]
     assert found[0][1] is None
     for moment, plan in found[2:]:
-        alone = reticle(BAY.at(moment.time))
+        alone = reticle(replace(BAY, time=moment.time))
         assert moment.geometry == best_geometry(alone)
         np.testing.assert_array_equal(plan.combined, alone.combined)
     best = best_moment(moments)
@@ -186,7 +186,7 @@ def test_where_every_heading_is_in_glint_a_time_and_a_view_angle_are_worked_out(
     assert said[0].startswith("No heading is good: all of the view")
     assert [text.partition(":")[0] for text in said[1:]] == ["Another time", "Another view angle"]
     for one in found:  # each holds when it is worked out by itself
-        mission = noon if one.time is None else noon.at(one.time)
+        mission = noon if one.time is None else replace(noon, time=one.time)
         again = Line(mission, replace(line.view, pitch=one.pitch, roll=one.roll), [one.heading])
         assert again.fraction[0] == one.fraction < 0.02
         assert f"heading {one.heading:03.0f}" in " ".join(said)

@@ -122,15 +122,14 @@ class Mission(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
-        self._check_sun()
         for name in self.bands:
             self.sensor.band(name)
-
-    def _check_sun(self) -> None:
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
             raise InputError("sun_zenith and sun_azimuth go together; give both, or place and time.")
-        if self.sun_zenith is not None:
-            return
+        if self.sun_zenith is None:
+            self._check_place()
+
+    def _check_place(self) -> None:
         if self.place is None:
             raise InputError(
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
@@ -211,10 +210,6 @@ class Mission(Checked):
             f"sun {high:.0f} degrees high: the light in the water is that of a sun at 15 degrees.": high < 15.0,
         }
         return tuple(text for text, holds in known.items() if holds)
-
-    def at(self, time: Any) -> Mission:
-        """The same mission at another time, with the sun of that time."""
-        return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
 
     def coarse(self) -> Mission:
         """The same mission with a step between viewing geometries of at least `COARSE_STEP`."""

@@ -104,7 +104,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif parts.path == "/plan":
             try:
                 status, found = HTTPStatus.OK, answer(self.server.mission, dict(parse_qsl(parts.query)))
-            except DeglintError as error:
+            except (DeglintError, ValueError) as error:
                 status, found = HTTPStatus.BAD_REQUEST, {"error": str(error)}
             self._send(status, "application/json", json.dumps(found))
         else:
@@ -128,21 +128,13 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
     `asked` has the values of the sliders by name; others are those of `base`.
 
-    Raises InputError: a value cannot be used, or the sun is down.
+    Raises InputError or ValueError: a value cannot be used, or the sun is down.
     """
-    numbers: dict[str, Any] = {}
-    for name in asked.keys() - {"time", "sensor", "band"}:
-        if name not in (*SLIDERS, "visibility", "glint"):
-            raise InputError(f"there is no {name[:40]!r} to set; see the fields of the page.")
-        try:
-            numbers[name] = float(asked[name])
-        except ValueError:
-            raise InputError(f"{name} must be a number, got {asked[name][:40]!r}.") from None
-    limits = replace(base.limits, glint=numbers.pop("glint", base.limits.glint))
-    air = {"visibility": numbers.pop("visibility")} if "visibility" in numbers else {}
+    numbers: dict[str, Any] = {name: float(asked[name]) for name in SLIDERS if name in asked}
+    limits = replace(base.limits, glint=float(asked.get("glint", base.limits.glint)))
     mission = replace(base, limits=limits, time=asked.get("time", base.time), **numbers)
-    if air:  # the rest of it follows from wind, place and time where it is not given, so it follows the sliders
-        mission = replace(mission, air=replace(mission.weather, **air))
+    if "visibility" in asked:  # the rest of the air follows the sliders where it is not given
+        mission = replace(mission, air=replace(mission.weather, visibility=float(asked["visibility"])))
     sensor = asked.get("sensor", base.sensor.name)
     if sensor != base.sensor.name:
         choice("sensor", sensor, PRESETS)

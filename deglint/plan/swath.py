@@ -180,7 +180,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
     when = mission.moment + np.stack([steps, -steps], axis=1).ravel() * np.timedelta64(60, "s")
     for time, zenith in zip(when, sun.position(*mission.place, when).zenith, strict=True):
         if zenith <= SUN_LIMIT:
-            yield _tried(mission.at(time), view, time)
+            yield _tried(replace(mission, time=time), view, time)
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:

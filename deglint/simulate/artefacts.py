@@ -43,8 +43,6 @@ class Artefacts(Checked):
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
     """Multiply each column of a band by a random gain, with a standard deviation about 1."""
-    if deviation == 0:
-        return radiance
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
     return np.asarray(radiance * np.maximum(gain, 0.0))
 

@@ -69,8 +69,6 @@ def depth_and_patches(
     depth = bottom.depth[0] + (bottom.depth[1] - bottom.depth[0]) * rise
     depth = depth + bottom.roughness * smooth_noise(shape, spacing, bottom.patch, rough)
     depth = np.clip(depth, LEAST_DEPTH, MOST_DEPTH).astype(np.float32)
-    if bottom.share == 0:
-        return depth, np.zeros(shape, np.bool_)
     field = smooth_noise(shape, spacing, bottom.patch, patchy)
     field = field + 0.3 * smooth_noise(shape, spacing, 0.2 * bottom.patch, patchy.spawn(1)[0])
     return depth, field > np.quantile(field, 1.0 - bottom.share)

@@ -42,8 +42,7 @@ class Light:
         self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a level plane by the sun, by the sky
         self.normal = self.direct / np.cos(np.radians(setup.sun_zenith))  # of a plane that faces the sun, by the sun
         self.water = mean(deep * total)  # radiance out of the water where it is deep, (band,)
-        kinds = {(o.depth, o.reflectance): over(o.depth, o.reflectance) for o in setup.objects}
-        objects = [kinds[o.depth, o.reflectance] for o in setup.objects]
+        objects = [over(o.depth, o.reflectance) for o in setup.objects]
         # radiance out of the water over each object, (object, band)
         self.objects = np.asarray(objects).reshape(len(objects), len(self.water))
         # depths [m], and radiance over the two materials of the bottom, (material, depth, band); empty without one

@@ -71,7 +71,7 @@ def thesis_array(
     sides: Sequence[float] | None = None,
     depth: float = 5.0,
 ) -> tuple[SubmergedObject, ...]:
-    """Squares of several reflectances and sizes on the right half of a scene; the left stays deep water.
+    """Squares of several reflectances and sizes, row by row, on the right half of a scene; the left stays deep water.
 
     Parameters
     ----------
@@ -83,11 +83,6 @@ def thesis_array(
         One row of squares each [pixel], repeated down the scene; those of 2, 4, 8 and 16 that fit by default.
     depth : float
         [m]
-
-    Returns
-    -------
-    tuple of SubmergedObject
-        Row by row.
 
     Examples
     --------

@@ -82,6 +82,8 @@ def simulate(
 ) -> SimulatedScene:
     """Simulate a scene.
 
+    Raises InputError: the grid cannot hold the waves, or a value lies outside the range of a model.
+
     Parameters
     ----------
     setup : Setup
@@ -97,11 +99,6 @@ def simulate(
     -------
     SimulatedScene
         The same to the bit for the same setup.
-
-    Raises
-    ------
-    InputError
-        The grid cannot hold the waves, or a value lies outside the range of a model.
 
     Notes
     -----
@@ -123,6 +120,8 @@ def simulate_together(
 ) -> tuple[SimulatedScene, ...]:
     """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 
+    Raises InputError: as `simulate`; setups that are not of one sea.
+
     Parameters
     ----------
     setups : sequence of Setup
@@ -135,11 +134,6 @@ def simulate_together(
     -------
     tuple of SimulatedScene
         Each the same to the bit as `simulate` of its setup.
-
-    Raises
-    ------
-    InputError
-        As `simulate`; setups that are not of one sea.
 
     Notes
     -----
