@@ -7,7 +7,6 @@ for seconds on a busy machine.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -49,7 +48,6 @@ class Light:
         self.target += mean(shine * (direct + diffuse)[:, None])[..., None]
 
 
-@dataclass(frozen=True, eq=False)
 class Reticle:
     """Radiances, contrasts and masks for every viewing geometry.
 
@@ -78,19 +76,33 @@ class Reticle:
         Masks of reflected sky, and of contrast above the noise without saturation; True where it is good.
     """
 
-    mission: Mission
-    zenith: Floats
-    azimuth: Floats
-    light: Light = field(repr=False)
-    glint_probability: Floats = field(repr=False)
-    glint_strength: Floats = field(repr=False)
-    sky_strength: Floats = field(repr=False)
-    sky_probability: Floats = field(repr=False)
-    weber: Floats = field(repr=False)
-    snr: Floats = field(repr=False)
-    clear_of_glint: Mask = field(repr=False)
-    clear_of_sky: Mask = field(repr=False)
-    detectable: Mask = field(repr=False)
+    def __init__(self, mission: Mission) -> None:
+        self.mission, limits, wind = mission, mission.limits, mission.slope_wind
+        self.zenith, self.azimuth = viewing_geometries(mission)
+        self.light = light = Light(mission, self.zenith, self.azimuth)
+        disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
+        spark = glint.sun_glint(
+            *mission.sun, self.zenith[:, None], self.azimuth,
+            wind=wind.speed, wind_from=wind.blows_from, model=wind.model, solid_angle=disk,
+        )  # fmt: skip
+        self.glint_probability, self.glint_strength = np.minimum(spark.probability, 1.0), spark.radiance
+        self.clear_of_glint: Mask = spark.radiance <= limits.glint
+        if limits.glint_probability is not None:
+            self.clear_of_glint &= spark.probability <= limits.glint_probability
+        mirrored = Skylight(self.zenith, self.azimuth, mission.sun, wind, model=mission.sky)
+        self.sky_strength = mirrored.mean
+        ratio = (limits.sky_ratio / light.diffuse)[:, None, None] * light.background
+        self.sky_probability = mirrored.share_above(ratio)
+        self.clear_of_sky: Mask = self.sky_probability <= limits.sky_probability
+        rest = self.glint_radiance + self.sky_radiance
+        self.weber = light.target / light.background - 1.0
+        self.snr = np.abs(light.target - light.background) / _noise(mission, light.background + rest)
+        brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
+        below = np.maximum(light.background, light.target) + rest < brightest
+        self.detectable: Mask = (self.snr > limits.snr) & below
+
+    def __repr__(self) -> str:
+        return f"Reticle({self.mission!r})"
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -167,38 +179,7 @@ def reticle(mission: Mission) -> Reticle:
     >>> float(plan.glint_strength[0, 0].round(5))
     0.01571
     """
-    limits, wind = mission.limits, mission.slope_wind
-    zenith, azimuth = viewing_geometries(mission)
-    seen = Light(mission, zenith, azimuth)
-    disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
-    spark = glint.sun_glint(
-        *mission.sun, zenith[:, None], azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
-        solid_angle=disk,
-    )  # fmt: skip
-    mirrored = Skylight(zenith, azimuth, mission.sun, wind, model=mission.sky)
-    ratio = (limits.sky_ratio / seen.diffuse)[:, None, None] * seen.background
-    sky_probability = mirrored.share_above(ratio)
-    rest = seen.normal[:, None, None] * spark.radiance + seen.diffuse[:, None, None] * mirrored.mean
-    snr = np.abs(seen.target - seen.background) / _noise(mission, seen.background + rest)
-    brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
-    clear = spark.radiance <= limits.glint
-    if limits.glint_probability is not None:
-        clear &= spark.probability <= limits.glint_probability
-    return Reticle(
-        mission=mission,
-        zenith=zenith,
-        azimuth=azimuth,
-        light=seen,
-        glint_probability=np.minimum(spark.probability, 1.0),
-        glint_strength=spark.radiance,
-        sky_strength=mirrored.mean,
-        sky_probability=sky_probability,
-        weber=seen.target / seen.background - 1.0,
-        snr=snr,
-        clear_of_glint=clear,
-        clear_of_sky=sky_probability <= limits.sky_probability,
-        detectable=(snr > limits.snr) & (np.maximum(seen.background, seen.target) + rest < brightest),
-    )
+    return Reticle(mission)
 
 
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
