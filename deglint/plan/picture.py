@@ -70,7 +70,8 @@ def page(
     if geometry is not None:
         _best(canvas, plan.mission.widest, geometry)
     y = _words(canvas, plan, words)
-    y = _table(canvas, plan, geometry, y)
+    if geometry is not None:
+        y = _table(canvas, plan, geometry, y)
     _legend(canvas, words, y)
     _foot(canvas, plan)
     return canvas.finished()
@@ -211,9 +212,7 @@ def place_words(mission: Mission) -> str:
     return f"{abs(latitude):.2f}° {'NS'[latitude < 0]}  {abs(longitude):.2f}° {'EW'[longitude < 0]}"
 
 
-def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: float) -> float:
-    if geometry is None:
-        return y
+def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry, y: float) -> float:
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     edges = (_LEFT + 120, _LEFT + 192, _LEFT + 262, _LEFT + 340)
     for x, head in zip(edges, ("nm", "x noise", "Weber", "sky glint"), strict=True):

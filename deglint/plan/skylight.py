@@ -122,9 +122,7 @@ def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
 
 
 class _Facets:
-    """Facets of a sea: upwind and crosswind slope, weight (share of the sea's area / cos(tilt)), vertical part of the
-    normal.
-    """
+    """Facets of a sea: slopes, weight (share of the sea's area / cos(tilt)), vertical part of the normal."""
 
     def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH

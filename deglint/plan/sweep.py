@@ -50,8 +50,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 
 
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
-    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else the time of the highest sun of the
-    day.
+    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else that of the highest sun of the day.
 
     The search begins at `start`, by default now.
 
