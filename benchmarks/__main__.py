@@ -8,7 +8,7 @@ from inspect import signature
 from pathlib import Path
 
 BENCHMARKS = (
-    "ablation", "away", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan",
+    "ablation", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan",
     "plan_figures", "rates", "scale", "size", "sparkle", "spreading", "stress", "targets", "uncertainty", "varied",
     "workers",
 )  # fmt: skip

@@ -15,11 +15,6 @@ from .timing import ROOT, fill, machine, table
 PAGE = ROOT / "docs" / "benchmark.md"
 
 
-def markdown(found: Table) -> str:
-    """A table with its title and note."""
-    return f"## {found.title}\n\n{table(found.head, found.rows)}\n\n{found.note}"
-
-
 def main(quick: bool) -> None:
     """Measure, and write the page."""
     logging.getLogger("deglint").setLevel(logging.ERROR)
@@ -29,5 +24,6 @@ def main(quick: bool) -> None:
     found.append(Table("RX beside other programs", peers.HEAD, tuple(map(tuple, peers.rows(quick))), peers.NOTE))
     head, rows = stress.rows()
     found.append(Table("Correct digits", tuple(head), tuple(map(tuple, rows)), stress.NOTE))
-    fill(PAGE, ["\n\n".join([machine(), *map(markdown, found)])])
+    parts = [f"## {t.title}\n\n{table(t.head, t.rows)}\n\n{t.note}" for t in found]
+    fill(PAGE, ["\n\n".join([machine(), *parts])])
     print(f"{PAGE} written")

@@ -1,7 +1,7 @@
 """deglint beside other programs on the same simulated scenes: `python -m benchmarks field --directory FOLDER [--docs]`.
 
-FOLDER holds copies of the others (see `field_peers`); DEGLINT_PEERS names it, too. What is not there is reported as
-not at hand. All but deglint are told which pixels are deep water, from the truth: it is more than a user knows.
+FOLDER holds copies of the others (see `field_peers`). What is not there is reported as not at hand. All but deglint are
+told which pixels are deep water, from the truth: it is more than a user knows.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import os
 import re
 import tempfile
 import time
@@ -243,8 +242,7 @@ def main(quick: bool, directory: Path | None, docs: bool) -> None:
     if not (DATA / "simulated").exists():
         print("Skipped: the simulated scenes do not lie beside the project.")
         return
-    place = directory or (Path(os.environ["DEGLINT_PEERS"]) if os.environ.get("DEGLINT_PEERS") else None)
-    ready, missing = programs(place)
+    ready, missing = programs(directory)
     for name, why in missing.items():
         print(f"{name}: not at hand ({why})")
     side = 512 if quick else 2048

@@ -23,7 +23,7 @@ from deglint.physics.presets import preset
 from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
-from deglint.simulate.light import light
+from deglint.simulate.light import Light
 from detect.bench.measure import VISIBLE_BANDS
 
 from .files import DATA, plane, values
@@ -90,7 +90,7 @@ class Sea:
 @cache
 def white(sensor: Sensor) -> Array:
     """Digital numbers of a white target."""
-    lit = light(Setup(sensor=sensor))
+    lit = Light(Setup(sensor=sensor))
     return np.asarray((lit.direct + lit.diffuse) / np.pi / scale(sensor).ravel())
 
 

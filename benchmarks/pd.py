@@ -95,7 +95,7 @@ def probability(scores: npt.NDArray[Any], targets: list[Place], near: Mask, km2:
     return len(found) / max(len(targets), 1)
 
 
-def _scored(source: Any, scratch: Path, **recipe: Any) -> dict[str, npt.NDArray[Any]]:
+def _scored(source: Any, scratch: Path) -> dict[str, npt.NDArray[Any]]:
     """Scores of the default search after every removal."""
     out = {}
     for name, removal in REMOVALS.items():
@@ -103,14 +103,14 @@ def _scored(source: Any, scratch: Path, **recipe: Any) -> dict[str, npt.NDArray[
         if removal is not None:
             image = scratch / f"{name}.tif"
             remove_glint(source, image, removal, overwrite=True)
-        score_file(image, scratch / "scores.tif", Search(**recipe), overwrite=True)
+        score_file(image, scratch / "scores.tif", Search(), overwrite=True)
         out[name] = plane(scratch / "scores.tif")
     return out
 
 
-def real(folder: Path, ports: tuple[str, ...] = ("athens", "klang", "cartagena")) -> Iterator[list[str]]:
+def real(folder: Path) -> Iterator[list[str]]:
     """One row a port and reflectance: probability of detection after every removal."""
-    for name in ports:
+    for name in ("athens", "klang", "cartagena"):
         port = Port.read(folder / "real" / name)
         near = grown(port.labels > 0, NEAR)
         targets = places(port.water & ~near)
@@ -140,8 +140,7 @@ def simulated(folder: Path) -> Iterator[list[str]]:
     """One row a sensor and kind of target: probability of detection after every removal."""
     for name in ("thesis", "worldview3"):
         sensor = preset(name)
-        height, width = SIDE
-        free = np.ones((height, width), np.bool_)
+        free = np.ones(SIDE, np.bool_)
         for kind, hull in FLOATING.items():
             sides = (max(round(hull["length"] / sensor.gsd), 1),) * 2
             targets = places(free, (sides,), FEW)

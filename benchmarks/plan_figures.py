@@ -17,9 +17,9 @@ from deglint.plan import Limits, Mission, reticle
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
 from deglint.plan.picture import layers, picture, sky_disc
-from deglint.plan.swath import FieldOfView, alternatives, flight_line, words
+from deglint.plan.swath import FieldOfView, Line, alternatives, words
 from deglint.plan.sweep import plans, times
-from deglint.plan.uncertainty import wind_ensemble
+from deglint.plan.uncertainty import WindEnsemble
 
 from .timing import ROOT
 
@@ -96,23 +96,12 @@ def glint_2_10(plan):
     return canvas
 
 
-def sky_2_11(plan, k):
-    """Fig. 2.11: probability of a large ratio of sky to water in the blue band, and its mask."""
+def beside_its_mask(plan, values, title, *, pattern, mask, high, shaded=True):
+    """A layer of the blue band, 0 to 1, and its mask, over the layer or over one shade."""
     canvas = sheet(2)
-    share = plan.sky_probability[k]
-    panel(canvas, 0, plan, share, "share of the sea that mirrors sky\nof more than twice the water, blue", high="1")
-    mask = [p for p in layers(plan, "BLUE")[1] if p[1] == "\\"]
-    panel(canvas, 1, plan, np.full_like(share, 0.65), "mask\nmore than 10 % of the sea", patterns=mask)
-    return canvas
-
-
-def noise_2_12(plan, k):
-    """Fig. 2.12: contrast over a noise-equivalent radiance of 5e-4, and its mask."""
-    canvas = sheet(2)
-    top = plan.snr[k].max()
-    panel(canvas, 0, plan, plan.snr[k] / top, "contrast over noise, blue\nNER 5e-4 W m-2 sr-1 nm-1", high=f"{top:.1f}")
-    mask = [p for p in layers(plan, "BLUE")[1] if p[1] == "."]
-    panel(canvas, 1, plan, plan.snr[k] / top, f"mask\ncontrast below {plan.mission.limits.snr:g}", patterns=mask)
+    panel(canvas, 0, plan, values, title, high=high)
+    patterns = [p for p in layers(plan, "BLUE")[1] if p[1] == pattern]
+    panel(canvas, 1, plan, values if shaded else np.full_like(values, 0.65), f"mask\n{mask}", patterns=patterns)
     return canvas
 
 
@@ -132,12 +121,12 @@ def examples():
     bay = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0)
     found = list(plans(bay, times("2026-06-21T13:00Z", "2026-06-22T02:30Z", 90)))
     moments = [moment for moment, _ in found]
-    line = flight_line(bay, FieldOfView(across=30.0, roll=25.0))
+    line = Line(bay, FieldOfView(across=30.0, roll=25.0))
     return {
         "reticle": picture(reticle(bay)),
         "day": day_picture(bay, moments, {k: found[k][1] for k in selected(moments)}),
         "heading": line_picture(bay, line, words(line, alternatives(bay, line))),
-        "wind": wind_picture(wind_ensemble(bay, speed=2.0, turn=30.0), speed=2.0, turn=30.0),
+        "wind": wind_picture(WindEnsemble(bay)),
     }
 
 
@@ -146,13 +135,20 @@ def main(directory):
     limits = Limits(ner=5e-4, snr=15.0)
     full = reticle(Mission(**THESIS, sky="uniform", limits=limits))
     absorbing = reticle(Mission(**THESIS, sky="uniform", limits=limits, water="absorption"))
+    top = full.snr[1].max()
     figures = {
         "slopes": slopes_2_2(),
         "glint": glint_2_10(full),
-        "sky": sky_2_11(full, 1),
-        "noise": noise_2_12(full, 1),
+        "sky": beside_its_mask(  # fig. 2.11
+            full, full.sky_probability[1], "share of the sea that mirrors sky\nof more than twice the water, blue",
+            pattern="\\", mask="more than 10 % of the sea", high="1", shaded=False,
+        ),
+        "noise": beside_its_mask(  # fig. 2.12
+            full, full.snr[1] / top, "contrast over noise, blue\nNER 5e-4 W m-2 sr-1 nm-1",
+            pattern=".", mask=f"contrast below {limits.snr:g}", high=f"{top:.1f}",
+        ),
         "maps": maps_2_13(full, absorbing),
-    }
+    }  # fmt: skip
     images = {name: canvas.finished() for name, canvas in figures.items()} | examples()
     for name, image in images.items():
         path = directory / f"planning_{name}.png"

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-"""Where the packages lie. Children find them there, whatever else is installed."""
+from .timing import ROOT
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """Speed of whole tiles with and without compensation, beside reading the array; and of `deglint remove` on a file.
 
 Tiles are taken from an array in memory, or read from a file in the page cache, and corrected, halo and all; nothing is
-written. One opening of each band by OpenCV, in the same rounds, says how fast the machine is. Commands are whole
-processes, beside a copy of the file's blocks. Everything in turns.
+written. Commands are whole processes, beside a copy of the file's blocks. Everything in turns.
 """
 
 from __future__ import annotations
@@ -17,9 +16,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 import rasterio
 
 import deglint
@@ -90,36 +87,17 @@ def passed(work: Correction, tiles: list[tiling.Tile], threads: int) -> None:
         pass
 
 
-def opened(numbers: npt.NDArray[Any], threads: int) -> None:
-    """Each band opened by OpenCV: an element of 11 x 11, and a median of 3 x 3 between."""
-    element, before = np.ones((11, 11), np.uint8), cv2.getNumThreads()
-    cv2.setNumThreads(threads)
-    for band in numbers:
-        cv2.dilate(cv2.medianBlur(cv2.erode(band, element), 3), element)
-    cv2.setNumThreads(before)
-
-
 def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]]:
     """Rows for a table: what, threads, millions of values a second, processor time a value, times the reading.
 
     others : scenes of the same size that are only compensated by default
     """
     with rasterio.open(path) as given:
-        numbers = given.read()
-    values = numbers.astype(np.float32)
-    plain = path.with_suffix(".bin")
-    values.tofile(plain)
+        values = given.read().astype(np.float32)
     jobs: dict[tuple[str, int], Callable[[], Any]] = {
-        ("reading the float32 array (sum of each band)", 1): lambda: [float(b.sum()) for b in values],
-        ("copying it", 1): values.copy,
-        ("reading it from the page cache", 1): lambda: np.fromfile(plain, np.float32),
-        ("one opening by OpenCV", 1): lambda: opened(numbers, 1),
-        ("one opening by OpenCV", 2): lambda: opened(numbers, 2),
+        ("reading the float32 array (sum of each band)", 1): lambda: [float(b.sum()) for b in values]
     }
-    recipes = {
-        "default": Recipe(mask="none"),
-        "removal alone": Recipe(compensate="off", mask="none"),
-    }
+    recipes = {"default": Recipe(mask="none"), "removal alone": Recipe(compensate="off", mask="none")}
     scenes = [(name, path, recipe, memory) for name, recipe in recipes.items() for memory in (True, False)]
     scenes += [(f"default, {name}", other, recipes["default"], True) for name, other in others.items()]
     for name, scene, recipe, memory in scenes:
@@ -129,7 +107,6 @@ def of_tiles(path: Path, others: dict[str, Path], rounds: int) -> list[list[str]
             key = f"{name}, of {'the array' if memory else 'a file'}", threads
             jobs[key] = lambda w=work, t=tiles, n=threads: passed(w, t, n)
     found = jobs_in_turns(jobs, rounds, lambda: np.array([time.perf_counter(), time.process_time()]))
-    plain.unlink()
     once, rows = None, []
     for (name, threads), runs in found.items():
         wall, best = np.median(runs, axis=0)[0], np.min(runs, axis=0)

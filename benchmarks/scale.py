@@ -8,17 +8,17 @@ What was measured stays in scale.json of the directory, so that a run that was s
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import rasterio
+
 from .processes import in_turns
+from .seas import write_sea
 from .timing import ROOT, fill, machine, table
 
 BANDS = 8
@@ -43,12 +43,10 @@ STORE = 1e9
 
 
 def mosaic(directory: Path, side: int) -> Path:
-    """A VRT of side x side pixels that repeats `tile.tif`; a process of its own writes that where it is not there."""
-    import rasterio
-
+    """A VRT of side x side pixels that repeats `tile.tif`, which is written where it is not there."""
     tile, path = directory / "tile.tif", directory / f"{side}.vrt"
     if not tile.exists():
-        subprocess.run([sys.executable, "-m", "benchmarks.seas", str(tile), str(TILE)], cwd=ROOT, check=True)
+        write_sea(tile, TILE)
     with rasterio.open(tile) as one:
         names, tags, crs, place = one.descriptions, [one.tags(b) for b in one.indexes], one.crs, one.transform.to_gdal()
     step = min(side, TILE)
@@ -89,25 +87,10 @@ def measure(what: str, side: int, directory: Path) -> dict[str, Any]:
     return asdict(min(runs, key=lambda r: r.cpu)) | {"size": size}
 
 
-def disk_speed(directory: Path) -> float:
-    """Bytes a second that are written to the disk and flushed."""
-    block, path = os.urandom(16 << 20), directory / "speed.bin"
-    begun = time.perf_counter()
-    with path.open("wb") as file:
-        for _ in range(32):
-            file.write(block)
-        file.flush()
-        os.fsync(file.fileno())
-    took = time.perf_counter() - begun
-    path.unlink()
-    return 32 * len(block) / took
-
-
 def collect(directory: Path, sides: tuple[int, ...]) -> dict[str, Any]:
     """Measure what is not measured yet."""
     kept = directory / "scale.json"
     found: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() else {"machine": machine(), "runs": {}}
-    found.setdefault("disk", disk_speed(directory))
     for side in sides:
         for what in COMMANDS:
             if f"{what} {side}" not in found["runs"]:
@@ -149,8 +132,7 @@ def tables(found: dict[str, Any]) -> list[str]:
     model = [[what, str(m["side"]), f"{m['start']:.2f}", f"{1e3 * m['slope']:.1f}", f"{m['read']:.2f}",
               f"{m['written']:.2f}"] for what, m in lines.items()]  # fmt: skip
     model_head = ("", "up to side", "start [s]", "ms/Mpx-band", "read [byte/value]", "written [byte/value]")
-    return [found["machine"] + f" The disk wrote {found['disk'] / 1e6:.0f} MB/s, flushed.", table(head, rows),
-            table(model_head, model), archive(lines)]  # fmt: skip
+    return [found["machine"], table(head, rows), table(model_head, model), archive(lines)]
 
 
 def archive(lines: dict[str, dict[str, float]]) -> str:

@@ -1,4 +1,4 @@
-"""A synthetic sea with glint of any size, to measure time on: `python -m benchmarks.seas OUT 4096`.
+"""A synthetic sea with glint of any size, to measure time on.
 
 Eight bands named and tagged as those of WorldView-3: open water with a slow change of colour, swell, sparkle and noise,
 and a coast along one edge. `deglint simulate` makes scenes to measure errors on.
@@ -6,7 +6,6 @@ and a coast along one edge. `deglint simulate` makes scenes to measure errors on
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +64,3 @@ def write_sea(path: Path, side: int) -> None:
                 shape = min(TILE, side - row), min(TILE, side - column)
                 counts = np.clip(np.rint(tile(row, column, side, shape) / SCALE), 0, 65535).astype(np.uint16)
                 out.write(counts, window=Window(column, row, shape[1], shape[0]))
-
-
-if __name__ == "__main__":
-    write_sea(Path(sys.argv[1]), int(sys.argv[2]))

@@ -15,9 +15,8 @@ import numpy as np
 
 from deglint import remove_glint
 from deglint.physics.presets import preset
-from detect.bench.measure import rms_error
 
-from .error import DEEP
+from .error import whole_and_deep
 from .files import DATA, values
 from .implants import COLOURS, SIZES, STEP, Array, Sea, contrast, implant, scale, shared, simulated, survive, write
 from .timing import machine, say
@@ -52,7 +51,7 @@ def errors(image: Array, truth: Array, without: Array | None = None) -> Array:
     if without is not None:
         beside = np.abs(truth - without) < BESIDE * np.median(truth, axis=(1, 2), keepdims=True)
         image = np.where(beside, image, truth)
-    return np.array([rms_error(image, truth, columns) for columns in (slice(DEEP), slice(None))])
+    return np.array(whole_and_deep(image, truth)[::-1])
 
 
 def survivors(place: Path, quick: bool, chain: Chain = deglinted) -> None:

@@ -10,10 +10,8 @@ from typing import Any
 from detect.bench.machine import load_now, versions
 from detect.bench.machine import machine as machine_now
 
-from .processes import ROOT
-
-__all__ = ["ROOT", "fill", "in_turns", "machine", "say", "table"]
-
+ROOT = Path(__file__).resolve().parents[1]
+"""Where the packages lie. Children find them there, whatever else is installed."""
 MARK = "<!-- measured -->"
 """Stands before and after each part of a page that a benchmark writes."""
 

@@ -6,13 +6,15 @@ processor gives each is in the last column: on a machine that others use, wall t
 
 from __future__ import annotations
 
-import os
 import statistics
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from deglint import Recipe, remove_glint
+from deglint.pipeline.cluster import connect
 
 from .scale import mosaic
 from .timing import machine, table
@@ -23,8 +25,6 @@ ROUNDS = 3
 
 def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
     """Seconds of the fit and of the correction, and processor seconds of all workers and of this process."""
-    from deglint import Recipe, remove_glint
-
     begun: dict[str, float] = {}
     before, own = sum(cluster.client.run(time.process_time).values()), time.process_time()
 
@@ -42,8 +42,6 @@ def once(cluster: Any, scene: Path, out: Path) -> dict[str, float]:
 
 def main(quick: bool, directory: Path | None, counts: Sequence[int] = (1, 2)) -> None:
     """Measure and print."""
-    from deglint.pipeline.cluster import connect
-
     side = SIDES["quick" if quick else "full"]
     with tempfile.TemporaryDirectory(dir=directory) as scratch:
         place = directory or Path(scratch)
@@ -63,6 +61,5 @@ def main(quick: bool, directory: Path | None, counts: Sequence[int] = (1, 2)) ->
         rows = [[str(n), f"{m['fit']:.2f}", f"{m['correct']:.2f}", f"{m['whole']:.2f}",
                  f"{first['whole'] / m['whole']:.2f}", f"{m['workers']:.1f}", f"{m['caller']:.2f}", f"{most[n]:.0f}"]
                 for n, m in middle.items()]  # fmt: skip
-        load = ", ".join(f"{n:.1f}" for n in os.getloadavg())
-        print(f"## Workers\n\n{machine()} Load {load}. {side} x {side} pixels, 8 bands, medians of {ROUNDS}.\n")
+        print(f"## Workers\n\n{machine()} {side} x {side} pixels, 8 bands, medians of {ROUNDS}.\n")
         print(table(head, rows))

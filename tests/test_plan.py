@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint, slopes, sun, water
+from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.reticle import light
+from deglint.plan.reticle import Light
 
 TABLES = Path(__file__).parents[1].parent / "shared" / "tables"
 THESIS = {
@@ -102,16 +103,16 @@ def test_a_reticle_is_the_physics_room_look_by_look(zenith, azimuth, wind, wind_
 def test_water_is_that_of_the_physics_room_at_every_nanometre(zenith, band):
     made = mission(sun_zenith=zenith, bands=(band,))
     views, turns = np.array([0.0, 13.0, 40.0, 70.0]), np.array([0.2, 90.2, 300.0])
-    found = light(made, views, turns)
+    found = Light(made, views, turns)
     edges = made.channels[0]
     wave = np.arange(edges.low, min(edges.high, 1000.0) + 0.5)[:, None, None]
     direct, diffuse = atmosphere.irradiance(wave, zenith, made.weather)
-    viewing_geometries = (wave, 0.5, zenith, views[:, None], turns - 270.2)
-    deep = water.remote_sensing_reflectance(*viewing_geometries) * (direct + diffuse)
-    over = water.object_reflectance(
-        *viewing_geometries, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse)
+    sea, angles = case1(wave, 0.5), (zenith, views[:, None])
+    deep = water.deep_reflectance(sea, *angles, turns - 270.2)
+    over = water.submerged_reflectance(
+        sea, deep, *angles, depth=10.0, reflectance=0.15, direct_fraction=direct / (direct + diffuse)
     )
-    np.testing.assert_allclose(found.background[0], deep.mean(axis=0), rtol=1e-10)
+    np.testing.assert_allclose(found.background[0], (deep * (direct + diffuse)).mean(axis=0), rtol=1e-10)
     np.testing.assert_allclose(found.target[0], (over * (direct + diffuse)).mean(axis=0), rtol=1e-10)
     assert found.direct[0] == pytest.approx(direct.mean())
     assert found.diffuse[0] == pytest.approx(diffuse.mean())
@@ -185,7 +186,7 @@ def test_objects_against_the_monte_carlo():
     if not path.exists():
         pytest.skip(f"{path.name} does not lie beside the project")
     rows = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
-    sea = water.case1(rows["lam"], rows["chl"])
+    sea = case1(rows["lam"], rows["chl"])
     geometry = (30.0, rows["theta_v"])
     thing = {"depth": rows["H"], "reflectance": rows["rho"]}
     alone = water.absorption_only_reflectance(sea, *geometry, **thing)
@@ -302,8 +303,6 @@ def test_what_saturates_is_not_detectable():
         ({"sun_zenith": None}, "go together"),
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
-        ({"air": atmosphere.Air(humidity=np.nan)}, "humidity must be a finite number"),
-        ({"limits": Limits(glint=np.nan)}, "glint must be a finite number"),
         ({"slopes": "nonsense"}, "slopes must be one of cox-munk"),
         ({"step": 0.0}, "step must be 0.25 to 10"),
         ({"widest": 90.0}, "widest must be"),
@@ -313,6 +312,11 @@ def test_what_no_model_holds_for_is_refused(changes, said):
     with pytest.raises(InputError, match=said) as caught:
         reticle(mission(**changes))
     assert "\n" not in str(caught.value)
+
+
+def test_limits_are_numbers():
+    with pytest.raises(InputError, match="glint must be a finite number"):
+        Limits(glint=np.nan)
 
 
 def test_a_band_that_is_not_there():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deglint.physics import fresnel, glint, sky, slopes
-from deglint.plan.skylight import LEVELS, Wind, skylight
+from deglint.plan.skylight import LEVELS, Skylight, Wind
 
 
 def unit(zenith, azimuth):
@@ -100,7 +100,7 @@ def test_the_facet_grid_of_the_thesis_does_not_resolve_the_sun_but_converges():
 )
 def test_mirrored_sky_is_the_sum_at_every_look(model, wind, sun_at, tolerance):
     zenith, azimuth = np.arange(81.0), np.arange(361.0)
-    found = skylight(zenith, azimuth, sun_at, Wind(wind, 30.0, "cox-munk"), model=model)
+    found = Skylight(zenith, azimuth, sun_at, Wind(wind, 30.0, "cox-munk"), model=model)
     views, turns = np.array([0, 17, 33, 52, 70, 80]), np.array([0, 95, 157, 205, 283])
     exact = sky.reflectance(views[:, None], turns, *sun_at, wind=wind, wind_from=30.0, model=model, nodes=40)
     np.testing.assert_allclose(found.mean[views[:, None], turns], exact, rtol=tolerance)
@@ -111,7 +111,7 @@ def test_mirrored_sky_is_the_sum_at_every_look(model, wind, sun_at, tolerance):
 def test_share_of_bright_facets_is_that_of_the_facet_grid(model, view):
     zenith, azimuth = np.arange(81.0), np.arange(361.0)
     sun_at = (35.0, 150.0)
-    found = skylight(zenith, azimuth, sun_at, Wind(7.0, 30.0, "cox-munk"), model=model)
+    found = Skylight(zenith, azimuth, sun_at, Wind(7.0, 30.0, "cox-munk"), model=model)
     levels = LEVELS[12:90:6]
     step = LEVELS[1] / LEVELS[0]  # levels are told apart to one step, 6 %
     mean, below = sky_shares(sun_at, view, 7.0, 30.0, levels / step, model=model)
@@ -124,7 +124,7 @@ def test_share_of_bright_facets_is_that_of_the_facet_grid(model, view):
 
 
 def test_brighter_sky_is_rarer():
-    found = skylight(np.arange(81.0), np.arange(361.0), (30.0, 90.0), Wind(5.0, 0.0, "cox-munk"), model="uniform")
+    found = Skylight(np.arange(81.0), np.arange(361.0), (30.0, 90.0), Wind(5.0, 0.0, "cox-munk"), model="uniform")
     assert (np.diff(found.brighter, axis=0) <= 1e-6).all()
     total = found.brighter[0]
     assert total.min() > 0.9

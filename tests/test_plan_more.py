@@ -15,10 +15,10 @@ from deglint.plan.charts import day_picture, line_picture, selected, wind_pictur
 from deglint.plan.draw import MAGENTA, png
 from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
 from deglint.plan.picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, layers, picture
-from deglint.plan.swath import FieldOfView, alternatives, flight_line, viewing_geometries
+from deglint.plan.swath import FieldOfView, Line, alternatives, viewing_geometries
 from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import best_moment, next_daylight, plans, table, times
-from deglint.plan.uncertainty import wind_ensemble, words
+from deglint.plan.uncertainty import WindEnsemble, words
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
 
@@ -99,7 +99,7 @@ def test_a_day():
     assert [m.geometry is None for m in moments[:3]] == [True, True, False]
     assert found[0][1] is None
     for moment, plan in found[2:]:
-        alone = reticle(BAY.at(moment.time))
+        alone = reticle(replace(BAY, time=moment.time))
         assert moment.geometry == best_geometry(alone)
         np.testing.assert_array_equal(plan.combined, alone.combined)
     best = best_moment(moments)
@@ -125,8 +125,6 @@ def test_a_night_has_no_best_time():
 def test_spans_of_time_that_cannot_be():
     with pytest.raises(InputError, match="must not lie before"):
         times("2026-06-21T11:00Z", "2026-06-21T10:00Z", 30)
-    with pytest.raises(InputError, match="at most 500 times, got 1441"):
-        times("2026-06-21T00:00Z", "2026-06-22T00:00Z", 1)
     with pytest.raises(InputError, match="needs a place"):
         next(plans(Mission(sun_zenith=30, sun_azimuth=100), times("2026-06-21T00:00Z", "2026-06-21T01:00Z", 30)))
 
@@ -159,7 +157,7 @@ def test_from_orbit_the_earth_is_round():
 
 def test_flight_line_is_the_glint_of_each_look():
     view = FieldOfView(across=50.0, along=20.0, pitch=10.0)
-    line = flight_line(BAY, view, [30.0, 200.0])
+    line = Line(BAY, view, [30.0, 200.0])
     zenith, azimuth = viewing_geometries(view, 200.0)
     wind = BAY.slope_wind
     spark = glint.sun_glint(*BAY.sun, zenith, azimuth, wind=wind.speed, wind_from=310.0).radiance
@@ -170,7 +168,7 @@ def test_flight_line_is_the_glint_of_each_look():
 
 def test_best_heading_tilts_away_from_the_mirror_point():
     """A view that looks 30 degrees to the right is best flown so that it looks away from where the sun mirrors."""
-    line = flight_line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
+    line = Line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
     looks_to = (line.heading[line.best] + 90.0) % 360.0
     mirror_seen_towards = BAY.sun[1]  # looking towards the sun one sees its glint
     assert np.cos(np.radians(looks_to - mirror_seen_towards)) < 0
@@ -182,35 +180,35 @@ def test_best_heading_tilts_away_from_the_mirror_point():
 @pytest.mark.parametrize(("across", "along"), [(40.0, 0.0), (30.0, 20.0)])
 def test_where_every_heading_is_in_glint_a_time_and_a_view_angle_are_worked_out(across, along):
     noon = Mission(latitude=20.0, longitude=-157.0, time="2026-06-21T22:00Z", wind=7.0, wind_from=310.0)
-    line = flight_line(noon, FieldOfView(across=across, along=along))
+    line = Line(noon, FieldOfView(across=across, along=along))
     found = alternatives(noon, line)
     said = sentences(line, found)
     assert said[0].startswith("No heading is good: all of the view")
     assert [text.partition(":")[0] for text in said[1:]] == ["Another time", "Another view angle"]
     for one in found:  # each holds when it is worked out by itself
-        mission = noon if one.time is None else noon.at(one.time)
-        again = flight_line(mission, replace(line.view, pitch=one.pitch, roll=one.roll), [one.heading])
+        mission = noon if one.time is None else replace(noon, time=one.time)
+        again = Line(mission, replace(line.view, pitch=one.pitch, roll=one.roll), [one.heading])
         assert again.fraction[0] == one.fraction < 0.02
         assert f"heading {one.heading:03.0f}" in " ".join(said)
     assert not line.is_recommended
     magenta = (line_picture(noon, line, said)[230:, :600] == MAGENTA).all(axis=-1).sum()
     assert magenta == 0  # no arrow for a heading that is not recommended
-    good = flight_line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
+    good = Line(replace(BAY, wind=5.0), FieldOfView(across=10.0, roll=35.0))
     assert alternatives(BAY, good) == ()
     assert (line_picture(BAY, good)[230:, :600] == MAGENTA).all(axis=-1).sum() > 100
 
 
 def test_without_a_place_only_the_view_angle_is_worked_out():
     mission = Mission(sun_zenith=10.0, sun_azimuth=100.0, wind=7.0)
-    line = flight_line(mission, FieldOfView(across=30.0))
+    line = Line(mission, FieldOfView(across=30.0))
     assert [one.time for one in alternatives(mission, line)] == [None]
     storm = Mission(sun_zenith=30.0, sun_azimuth=100.0, wind=19.0, limits=Limits(glint=1e-9))
-    line = flight_line(storm, FieldOfView(across=60.0))
+    line = Line(storm, FieldOfView(across=60.0))
     assert "wait for less wind" in sentences(line, alternatives(storm, line))[-1]
 
 
 def test_text_and_picture_agree_on_the_worst_heading():
-    line = flight_line(BAY, FieldOfView(across=30.0, roll=20.0))
+    line = Line(BAY, FieldOfView(across=30.0, roll=20.0))
     assert f"worst is {line.heading[line.worst]:03.0f}" in line.words()
     assert line.fraction[line.worst] == line.fraction.max()
 
@@ -231,12 +229,12 @@ def test_the_next_daylight_in_winter_is_the_highest_sun():
 
 
 def test_any_heading_will_do_where_there_is_no_glint():
-    line = flight_line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), FieldOfView(across=20.0))
+    line = Line(Mission(sun_zenith=75.0, sun_azimuth=0.0, wind=2.0), FieldOfView(across=20.0))
     assert line.words().startswith("Any heading will do")
 
 
 def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
-    line = flight_line(BAY, FieldOfView(across=4.0, pitch=79.0, altitude=30e6), [0.0])
+    line = Line(BAY, FieldOfView(across=4.0, pitch=79.0, altitude=30e6), [0.0])
     assert line.fraction[0] == 1.0
     assert np.isfinite(line.mean).all()
     line_picture(BAY, line)
@@ -244,7 +242,7 @@ def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
 
 def test_an_uncertain_wind_gives_intervals():
     coarse = replace(BAY, step=5.0)
-    found = wind_ensemble(coarse, speed=2.0, turn=40.0)
+    found = WindEnsemble(coarse, speed=2.0, turn=40.0)
     assert found.winds[0][0] == 5.0
     assert found.winds[0][-1] == 9.0
     for wind, wind_from in ((5.0, 350.0), (9.0, 270.0), (7.0, 310.0)):
@@ -258,15 +256,15 @@ def test_an_uncertain_wind_gives_intervals():
     low, high = found.at(geometry)["contrast"]
     assert 0 < low <= geometry.contrast <= high
     assert "Whatever the wind" in words(found)[1]
-    assert wind_picture(found, speed=2.0, turn=40.0).shape == (HEIGHT, WIDTH, 3)
+    assert wind_picture(found).shape == (HEIGHT, WIDTH, 3)
 
 
 def test_a_wind_that_is_known_is_no_interval():
-    found = wind_ensemble(replace(BAY, step=5.0), speed=0.0, turn=0.0)
+    found = WindEnsemble(replace(BAY, step=5.0), speed=0.0, turn=0.0)
     np.testing.assert_array_equal(found.glint[0], found.glint[1])
     np.testing.assert_array_equal(found.contrast[0], found.middle.combined)
     with pytest.raises(InputError, match="180 stands for not known"):
-        wind_ensemble(BAY, turn=200.0)
+        WindEnsemble(BAY, turn=200.0)
 
 
 def test_the_picture_shows_what_the_plan_says():

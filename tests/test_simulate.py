@@ -11,10 +11,11 @@ from deglint.errors import InputError, WriteError
 from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
+from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
-from deglint.simulate.facets import facets
-from deglint.simulate.light import light
+from deglint.simulate.facets import Facets
+from deglint.simulate.light import Light
 from deglint.simulate.objects import label
 from deglint.simulate.setup import SlopeModel, experiments
 
@@ -65,7 +66,7 @@ def test_light_of_the_worked_case_in_five_bands(name):
         sky="uniform",
         objects=(square(20, 20, 4, reflectance=0.15, depth=10),),
     )
-    lit = light(setup)
+    lit = Light(setup)
     view = setup.view_zenith, setup.view_azimuth
     wind = {"wind": 9.0, "wind_from": 0.0}
     bright = glint.sun_glint(20.5, 270.2, *view, **wind).radiance * lit.normal
@@ -96,7 +97,7 @@ def test_mean_glint_and_sky_are_those_of_the_closed_forms(wind, zenith, gsd):
             seed=seed,
             sky="uniform",
         )
-        sea = facets(setup)
+        sea = Facets(setup)
         density, mirrored = sea.at(0.0)
         got.append([density.mean(dtype=np.float64) * sea.glint_factor, mirrored.mean(dtype=np.float64) * np.pi])
     at_mast = slopes.wind_at_height(wind)
@@ -112,7 +113,7 @@ def test_mean_glint_seen_at_an_angle_follows_the_closed_form():
     got = []
     for seed in range(6):
         setup = Setup(sensor=replace(STILL, gsd=1.0), wind=6.0, size=(192, 192), seed=seed, **look)
-        sea = facets(setup)
+        sea = Facets(setup)
         got.append(sea.at(0.0)[0].mean(dtype=np.float64) * sea.glint_factor)
     closed = glint.sun_glint(*look.values(), wind=slopes.wind_at_height(6.0), wind_from=30.0).radiance
     assert np.mean(got) == pytest.approx(float(closed), rel=0.03)
@@ -126,7 +127,7 @@ def test_mean_glint_seen_at_an_angle_follows_the_closed_form():
 )  # fmt: skip
 def test_resolved_and_unresolved_slopes_add_up_to_those_measured(name, wind, spectrum):
     setup = Setup(sensor=preset(name), wind=wind, spectrum=spectrum, fetch=20e3, size=(16, 16))
-    sea = facets(setup)
+    sea = Facets(setup)
     assert max(setup.slope_variance) > min(sea.unresolved) > 0
     parts = sea.slope_variance, sea.sparkle, sea.unresolved, setup.slope_variance
     for resolved, sparkle, about, measured in zip(*parts, strict=True):
@@ -138,12 +139,15 @@ def test_sparkle_forgets_as_the_spectrum_says():
     lags = np.array([0.008, 0.016, 0.030, 0.060])
     sensor = replace(STILL, bands=tuple(replace(STILL.bands[0], time_offset=t) for t in (0.0, *lags)))
     setup = Setup(sensor=sensor, size=(64, 64), wind=4.0, patch=0.05)
-    sea = facets(setup)
+    sea = Facets(setup)
     amplitudes, choice, frequencies = sea._sparkle
     phase = frequencies[choice][..., None] * np.concatenate([[0.0], lags])
     tilt = amplitudes[..., 0:1] * np.cos(phase) + amplitudes[..., 1:2] * np.sin(phase)
     got = (tilt[..., 1:] * tilt[..., :1]).mean(axis=(0, 1)) / (tilt[..., 0] ** 2).mean()
-    expected = waves.slope_correlation(lags, setup.sea, longest=2 * setup.facet)
+    k = waves.wavenumbers(setup.sea, longest=2 * setup.facet)
+    weight = waves.omnidirectional(k, setup.sea) * k**3
+    moved = np.trapezoid(weight * np.cos(lags[:, None] * dispersion(k)), np.log(k))
+    expected = moved / np.trapezoid(weight, np.log(k))
     np.testing.assert_allclose(got, expected, atol=0.02)
     for t in range(5):
         assert tilt[..., t].var() == pytest.approx(sea.sparkle[0], rel=0.02)
@@ -151,7 +155,7 @@ def test_sparkle_forgets_as_the_spectrum_says():
 
 def hits(setup, cone):
     """Which facets mirror a direction within `cone` degrees of the sun straight up, each having one slope."""
-    sea = facets(setup)
+    sea = Facets(setup)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(), setup.wind_from)
     east, north = slopes.from_wind_axes(up + sea._sparkle[0][..., 0], cross + sea._sparkle[0][..., 2], setup.wind_from)
     squared = 1 + east**2 + north**2
@@ -178,7 +182,7 @@ def test_facets_that_hit_the_sun_are_as_many_as_the_avoidance_tool_says():
 
 def test_kernel_agrees_with_plain_numpy():
     setup = replace(SMALL, sensor=THESIS, sky="uniform", patch=0.03)
-    sea, time = facets(setup), 0.06
+    sea, time = Facets(setup), 0.06
     got, mirrored = sea.at(time)
     up, cross = slopes.to_wind_axes(*sea.surface.slopes(time), setup.wind_from)
     amplitudes, choice, frequencies = sea._sparkle
@@ -353,7 +357,7 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
 )
 def test_what_cannot_be_is_refused_in_one_line(change, words):
     with pytest.raises(InputError) as caught:
-        facets(replace(SMALL, **({"size": (16, 16)} if "domain" in change else {}), **change))
+        Facets(replace(SMALL, **({"size": (16, 16)} if "domain" in change else {}), **change))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deglint.errors import InputError
-from deglint.physics import fresnel, water
+from deglint.physics import fresnel
+from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand
 from deglint.simulate import Artefacts, Bottom, FloatingTarget, Setup, simulate, simulate_together, square, whitecaps
 from deglint.simulate.cover import Cover
-from deglint.simulate.light import light, matt
+from deglint.simulate.light import Light
 from deglint.simulate.materials import SPECTRA, WAVELENGTHS, reflectance
 
 THESIS = preset("thesis")
@@ -95,8 +96,8 @@ def test_light_over_a_bottom_falls_off_as_beer_and_lambert_say(angle, sun, chlor
     """The difference of two grounds falls as exp(-K z) with the path of the sun and that to the sensor."""
     bottom = Bottom(materials=("sand", "algae"))
     setup = replace(SEA, sensor=NARROW, view_zenith=angle, sun_zenith=sun, chlorophyll=chlorophyll, bottom=bottom)
-    lit = light(setup)
-    here = water.case1(550.0, setup.chlorophyll)
+    lit = Light(setup)
+    here = case1(550.0, setup.chlorophyll)
     k, u = here.absorption + here.backscattering, here.backscattering / (here.absorption + here.backscattering)
     down, up = (1 / np.cos(np.radians(fresnel.refraction_angle(a))) for a in (setup.sun_zenith, angle))
     near, far = 95, 115  # 12 and 32 m: light that the bottom sends up and the surface back is past
@@ -171,7 +172,7 @@ def test_what_floats_hides_glint_and_sky_and_has_its_colour():
     below = square(12.0, 8.0, 2.0, reflectance=0.2)
     scene = simulate(replace(SEA, wind=4.0, targets=(boat,), objects=(below,)))
     inside = np.s_[:, 28:36, 36:52]
-    colour = matt(scene.light, scene.setup, ["orange"])[0]
+    colour = scene.light.matt(["orange"])[0]
     assert scene.glint[inside].max() < 0.02 * scene.glint.max()
     for truth in (scene.truth, scene.truth_water):
         np.testing.assert_allclose(truth[inside].mean(axis=(1, 2)), colour, rtol=0.03)
@@ -204,7 +205,7 @@ def test_a_boat_leaves_a_wake_and_may_leave_the_scene():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Bottom(depth=(90.0, 3.0)), "depth of the bottom must be 0.1 to 60 m, got 90"),
+        (lambda: Bottom(depth=(90.0, 3.0)), "depth must be 0.1 to 60 m, got 90"),
         (lambda: Bottom(materials=("sand", "chalk")), "material must be one of sand"),
         (lambda: Bottom(edge=(3.0, 0.0)), "width above 0 m"),
         (lambda: FloatingTarget(right=1.0, down=1.0, speed=400.0), "speed must be 0 to 50 m/s"),

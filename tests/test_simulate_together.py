@@ -50,11 +50,6 @@ def test_two_seas_are_refused(other, words):
         simulate_together([SEA, other])
 
 
-def test_no_sea_is_refused():
-    with pytest.raises(InputError, match="at least one"):
-        simulate_together([])
-
-
 def test_the_image_alone_is_written_on_request(tmp_path):
     import rasterio
 

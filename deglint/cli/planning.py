@@ -96,10 +96,8 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
     """Viewing geometries that are free of glint for every wind of an interval."""
-    within = {"turn": 30.0, **given["wind_within"]}
-    found = uncertainty.wind_ensemble(mission, **within)
-    numbers, said = uncertainty.numbers(found, **within), uncertainty.words(found)
-    _finish(given, lambda: wind_picture(found, **within), numbers, said)
+    found = uncertainty.WindEnsemble(mission, **given["wind_within"])
+    _finish(given, lambda: wind_picture(found), uncertainty.numbers(found), uncertainty.words(found))
 
 
 def flight_line(given: Given, mission: Any, _console: Console) -> None:
@@ -110,7 +108,7 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
     view = swath.FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
-    found = swath.flight_line(mission, view)
+    found = swath.Line(mission, view)
     others = swath.alternatives(mission, found)
     said = swath.words(found, others)
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)

@@ -9,7 +9,7 @@ Conventions, in every module of this package:
 - slopes are dz/dx without unit; "upwind" is the axis towards where the wind comes from, "crosswind" is 90
   degrees clockwise of it;
 - arguments broadcast like numpy arrays (give ``wavelength[:, None, None]`` to get one layer per band); NaN in gives
-  NaN out; a value out of its range raises `InputError` with one line;
+  NaN out; a value out of its range, a model that does not exist and a time that cannot be read raise `InputError`;
 - nothing is read from disk but the tables of this package, when they are first needed, and nothing is logged.
 
 The modules and their functions document themselves; `deglint.physics.presets` has sensors by name.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import field, fields
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,8 @@ import numpy.typing as npt
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.floating[Any]]
+"""Of single or double precision."""
 VIEW_LIMIT = 89.0
 """Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
@@ -29,6 +32,37 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
         worst = float(array[bad].flat[0]) if array.ndim else float(array)
         raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {worst:g}. {remedy}")
     return array
+
+
+def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
+    """As `within`, but InputError for NaN, too."""
+    if np.isnan(within(name, value, low, high, unit, remedy)).any():
+        raise InputError(f"{name} must be a finite number, got {value}; give one.")
+
+
+def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
+    """A field of a `Checked` dataclass with its range; MISSING for no default. None is allowed, NaN is not."""
+    return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
+
+
+def one_of(default: Any, allowed: Any, **more: Any) -> Any:
+    """A field of a `Checked` dataclass with the words that are allowed."""
+    return field(default=default, metadata={"allowed": allowed, **more})
+
+
+class Checked:
+    """A dataclass whose fields are checked against their ranges and allowed words.
+
+    Raises InputError: a value is not allowed, or is not a finite number.
+    """
+
+    def __post_init__(self) -> None:
+        for own in fields(cast("Any", self)):
+            value = getattr(self, own.name)
+            if "allowed" in own.metadata:
+                choice(own.name, value, own.metadata["allowed"])
+            if "range" in own.metadata and value is not None:
+                check_number(own.name, value, *own.metadata["range"])
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

@@ -70,7 +70,7 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps
-    tension, gravity, depth = physics
+    tension, gravity = physics
     for r in range(slab[0], slab[1]):
         north = -frequency(r, rows, row_step)
         other = rows - r if r else 0
@@ -84,10 +84,7 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
                 continue
             east = frequency(c, columns, column_step)
             k = math.sqrt(east * east + north * north)
-            squared = gravity * k + tension * k * k * k
-            if depth > 0:
-                squared *= math.tanh(k * depth)
-            phase = math.sqrt(squared) * time
+            phase = math.sqrt(gravity * k + tension * k * k * k) * time
             turn = complex(math.cos(phase), -math.sin(phase))
             z = complex(a) * turn + (complex(b) * turn).conjugate()
             tilt = complex(-north, east) if slopes else complex(1.0, 0.0)

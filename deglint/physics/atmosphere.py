@@ -16,14 +16,14 @@ Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from . import sun
-from ._checks import Array, coordinates, day_number, sun_angle, within
+from ._checks import Array, Checked, coordinates, day_number, ranged, sun_angle
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
@@ -32,74 +32,29 @@ STANDARD_PRESSURE = 1013.25
 _SCALE_HEIGHT = 1.0  # of aerosol [km]
 _RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
 _MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
-_LIMITS = {
-    "air_mass_type": (1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent."),
-    "humidity": (0.0, 100.0, "%", "Give relative humidity."),
-    "water_vapour": (0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical."),
-    "wind_mean": (0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours."),
-    "wind": (0.0, 20.0, "m/s", "Give the wind of now, at 10 m."),
-    "visibility": (1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear."),
-    "ozone": (0.0, 700.0, "DU", "Give Dobson units, 300 if unknown."),
-    "pressure": (500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."),
-}
 
 
 @dataclass(frozen=True)
-class Air:
-    """State of the atmosphere.
+class Air(Checked):
+    """State of the atmosphere."""
 
-    Raises InputError: a value is out of range.
-
-    Attributes
-    ----------
-    air_mass_type : float
-        1 for air of the open ocean to 10 for that of a continent.
-    humidity : float
-        Relative humidity [%].
-    water_vapour : float
-        Water column [cm].
-    wind_mean, wind : float
-        Mean wind of the last 24 hours, and that of now, at 10 m [m/s].
-    visibility : float
-        Horizontal visibility [km].
-    ozone : float
-        Ozone column [DU]; see `ozone` for a climatology.
-    pressure : float
-        At the surface [hPa].
-    """
-
-    air_mass_type: float = 1.0
-    humidity: float = 80.0
-    water_vapour: float = 1.5
-    wind_mean: float = 5.0
-    wind: float = 5.0
-    visibility: float = 15.0
-    ozone: float = 300.0
-    pressure: float = STANDARD_PRESSURE
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = within(field.name, getattr(self, field.name), *_LIMITS[field.name])
-            object.__setattr__(self, field.name, float(value))
+    air_mass_type: float = ranged(1.0, 1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent.")
+    humidity: float = ranged(80.0, 0.0, 100.0, "%", "Give relative humidity.")
+    water_vapour: float = ranged(1.5, 0.0, 10.0, "cm", "Give the water column; 1.5 is usual, 5 tropical.")
+    wind_mean: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the mean wind of the last 24 hours.")
+    wind: float = ranged(5.0, 0.0, 20.0, "m/s", "Give the wind of now, at 10 m.")
+    visibility: float = ranged(15.0, 1.0, 200.0, "km", "Give the horizontal visibility; 5 is hazy, 40 very clear.")
+    ozone: float = ranged(300.0, 0.0, 700.0, "DU", "Give the ozone column in Dobson units, 300 if unknown.")
+    pressure: float = ranged(STANDARD_PRESSURE, 500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa.")
 
 
 class Aerosol(NamedTuple):
-    """Optical parameters of the aerosol.
+    """Optical parameters of the aerosol [1]; its depth is turbidity wavelength^-exponent, the wavelength in um."""
 
-    Attributes
-    ----------
-    exponent, turbidity : float
-        Angstrom's alpha and beta: depth = beta wavelength^-alpha with the wavelength in um [1].
-    asymmetry : float
-        Mean cosine of the scattering angle [1].
-    albedo : float
-        Share of the extinction that is scattering [1].
-    """
-
-    exponent: float
-    turbidity: float
-    asymmetry: float
-    albedo: float
+    exponent: float  # Angstrom's alpha
+    turbidity: float  # Angstrom's beta
+    asymmetry: float  # mean cosine of the scattering angle
+    albedo: float  # share of the extinction that is scattering
 
 
 class Spectrum(NamedTuple):
@@ -128,8 +83,6 @@ def irradiance(
     **params: float,
 ) -> Irradiance:
     """Direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
-
-    Raises InputError: a value is out of range.
 
     Parameters
     ----------
@@ -176,10 +129,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm.
-
-    Raises InputError: a wavelength is below 300 or above 1000 nm.
-    """
+    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm."""
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
@@ -210,8 +160,6 @@ def navy_aerosol(air: Air) -> Aerosol:
 def air_mass(sun_zenith: npt.ArrayLike) -> Array:
     """Relative air mass: path through the air over that to the zenith [1] (Kasten and Young 1989).
 
-    Raises InputError: the sun is below the horizon.
-
     Examples
     --------
     >>> float(air_mass(60.0).round(4))
@@ -232,8 +180,6 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
     """Climatological ozone column for a place and day [DU] (Van Heuklon 1979).
-
-    Raises InputError: a value is out of range.
 
     Parameters
     ----------

@@ -34,8 +34,6 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 
     The mean of the two polarisations, r = (r_s + r_p) / 2.
 
-    Raises InputError: an angle or index is out of range.
-
     Parameters
     ----------
     angle : array_like
@@ -82,8 +80,6 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
 def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
     """Angle from the normal in the water, by Snell's law [degree].
 
-    Raises InputError: an angle or index is out of range.
-
     Parameters
     ----------
     angle, index : array_like
@@ -103,8 +99,6 @@ def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_IN
     """Radiance in air over the radiance in water, (1 - r) / n^2.
 
     The transmitted flux is 1 - r; it is spread over a wider cone, hence the factor 1 / n^2.
-
-    Raises InputError: an angle or index is out of range.
 
     Parameters
     ----------

@@ -23,43 +23,21 @@ from ._checks import Array, sun_angle, view_angle, within
 
 
 class Facet(NamedTuple):
-    """The facet that reflects the sun into the sensor.
+    """The facet that reflects the sun into the sensor."""
 
-    Attributes
-    ----------
-    east, north : ndarray
-        Its slopes [1].
-    incidence : ndarray
-        Angle between its normal and the sun [degree].
-    tilt : ndarray
-        Angle between its normal and the zenith [degree].
-    """
-
-    east: Array
-    north: Array
-    incidence: Array
-    tilt: Array
+    east: Array  # slope [1]
+    north: Array  # slope [1]
+    incidence: Array  # angle between its normal and the sun [degree]
+    tilt: Array  # angle between its normal and the zenith [degree]
 
 
 class Glint(NamedTuple):
-    """Sun glint for one geometry and wind.
+    """Sun glint for one geometry and wind."""
 
-    Attributes
-    ----------
-    radiance : ndarray
-        Radiance per unit of irradiance on a plane facing the sun [1/sr].
-    probability : ndarray
-        Share of the pixel, as the sensor sees it, that mirrors a part of the disk [1].
-    density : ndarray
-        Density of slopes at the facet that glints [1].
-    incidence, tilt : ndarray
-        Of that facet [degree].
-    """
-
-    radiance: Array
-    probability: Array
-    density: Array
-    incidence: Array
+    radiance: Array  # per unit of irradiance on a plane facing the sun [1/sr]
+    probability: Array  # share of the pixel, as the sensor sees it, that mirrors a part of the disk [1]
+    density: Array  # of slopes at the facet that glints [1]
+    incidence: Array  # of that facet [degree]
     tilt: Array
 
 
@@ -80,18 +58,12 @@ def facet(
     With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
     (-h_x / h_z, -h_y / h_z) are its slopes.
 
-    Raises InputError: a zenith angle is out of range.
-
     Parameters
     ----------
     sun_zenith, view_zenith : array_like
         Zenith angle of the sun, 0 to 90, and of the sensor, 0 to 89, from the target [degree].
     sun_azimuth, view_azimuth : array_like
         Azimuth of the sun and of the sensor from the target [degree].
-
-    Returns
-    -------
-    Facet
 
     Examples
     --------
@@ -113,8 +85,6 @@ def probability(
     """Share of the pixel, as seen by the sensor, that reflects a source of a given solid angle.
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
-
-    Raises InputError: the sensor is too near to the horizon.
 
     Parameters
     ----------
@@ -141,12 +111,7 @@ def probability(
 
 
 def radiance(
-    density: npt.ArrayLike,
-    view_zenith: npt.ArrayLike,
-    tilt: npt.ArrayLike,
-    incidence: npt.ArrayLike,
-    *,
-    index: npt.ArrayLike = fresnel.WATER_INDEX,
+    density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, incidence: npt.ArrayLike
 ) -> Array:
     """Glint radiance per unit of irradiance on a plane facing the sun [1/sr].
 
@@ -154,27 +119,23 @@ def radiance(
 
     Times pi / cos(sun zenith) it is the glint reflectance.
 
-    Raises InputError: an angle or index is out of range.
-
     Parameters
     ----------
     density, view_zenith, tilt : array_like
         See `probability`.
-    incidence, index : array_like
-        Angle between facet and sun [degree], and refractive index of water [1].
+    incidence : array_like
+        Angle between facet and sun [degree].
 
     Examples
     --------
     >>> float(radiance(7.348, 20.5, 0.0, 20.5).round(5))
     0.04181
     """
-    return fresnel.reflectance(incidence, index) * probability(density, view_zenith, tilt, 1.0)
+    return fresnel.reflectance(incidence) * probability(density, view_zenith, tilt, 1.0)
 
 
 def cone(half_angle: npt.ArrayLike) -> Array:
     """Solid angle of a cone, 2 pi (1 - cos a) [sr].
-
-    Raises InputError: the angle is out of range.
 
     Parameters
     ----------
@@ -200,11 +161,8 @@ def sun_glint(
     wind_from: npt.ArrayLike,
     model: str = "cox-munk",
     solid_angle: npt.ArrayLike = sun.MEAN_SOLID_ANGLE,
-    index: npt.ArrayLike = fresnel.WATER_INDEX,
 ) -> Glint:
     """Sun glint from angles and wind.
-
-    Raises InputError: a value is out of range, or there is no such model.
 
     Parameters
     ----------
@@ -218,12 +176,6 @@ def sun_glint(
         One of `slopes.MODELS`.
     solid_angle : array_like
         Of the source, for the probability [sr].
-    index : array_like
-        Refractive index of water [1].
-
-    Returns
-    -------
-    Glint
 
     Examples
     --------
@@ -233,4 +185,4 @@ def sun_glint(
     east, north, incidence, tilt = facet(sun_zenith, sun_azimuth, view_zenith, view_azimuth)
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
     share = probability(density, view_zenith, tilt, solid_angle)
-    return Glint(radiance(density, view_zenith, tilt, incidence, index=index), share, density, incidence, tilt)
+    return Glint(radiance(density, view_zenith, tilt, incidence), share, density, incidence, tilt)

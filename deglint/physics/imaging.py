@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ._checks import Floats
 from .sensor import Sensor, cutoff
 from .surface import by_rows
 
-Array = npt.NDArray[np.floating[Any]]
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
 
-def transform(scene: Array, *, workers: int = 1) -> Complex:
+def transform(scene: Floats, *, workers: int = 1) -> Complex:
     """Half spectrum of a scene on the fine grid, for `observe`: (row, column // 2 + 1) complex."""
     from scipy import fft
 
@@ -35,7 +35,7 @@ def observe(
     factor: int,
     shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
-) -> Array:
+) -> Floats:
     """The image that the sensor takes of a scene on a finer grid, without noise.
 
     Raises InputError: the grid does not divide into pixels.
@@ -86,7 +86,7 @@ def observe(
     return np.ascontiguousarray(fft.irfft(folded, n=fine_columns, axis=1, workers=workers)[:, ::factor])
 
 
-def _along(frequency: Array, sensor: Sensor, shift: float) -> Complex:
+def _along(frequency: Floats, sensor: Sensor, shift: float) -> Complex:
     """MTF of detector and jitter along one axis, and the phase of a shift of the sampling points by `shift` pixels."""
     blur = np.sinc(frequency) * np.exp(-2 * np.pi**2 * (sensor.jitter * frequency) ** 2)
     return np.asarray(blur * np.exp(2j * np.pi * frequency * shift))

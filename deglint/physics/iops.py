@@ -27,17 +27,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties of water, arrays that broadcast together.
-
-    Attributes
-    ----------
-    absorption : ndarray
-        Total absorption [1/m].
-    water_scattering, particle_scattering : ndarray
-        Total scattering [1/m].
-    water_backscattering, particle_backscattering : ndarray
-        Backscattering [1/m].
-    """
+    """Inherent optical properties of water and its particles, arrays that broadcast together [1/m]."""
 
     absorption: Array
     water_scattering: Array
@@ -62,18 +52,12 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 
     (Morel and Maritorena 2001, eq. 12 to 14).
 
-    Raises InputError: a value is out of range.
-
     Parameters
     ----------
     wavelength : array_like
         [nm], 300 to 1000; broadcasts with `chlorophyll`.
     chlorophyll : array_like
         [mg m-3], 0.01 to 30.
-
-    Returns
-    -------
-    Iops
 
     Examples
     --------
@@ -96,8 +80,6 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
     """Absorption of all particles, A C^E [1/m] (Bricaud et al. 1998); nothing beyond 720 nm.
-
-    Raises InputError: a value is out of range.
 
     Examples
     --------

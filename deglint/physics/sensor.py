@@ -8,17 +8,14 @@ jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import MISSING, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import BandError
-from ._checks import within
+from ._checks import Checked, Floats, ranged, within
 from .tables import WAVELENGTH_RANGE
-
-Array = npt.NDArray[np.floating[Any]]
 
 PLANCK = 6.62607015e-34
 """Planck constant [J s]."""
@@ -28,25 +25,13 @@ LIGHT_SPEED = 299792458.0
 
 @dataclass(frozen=True, kw_only=True)
 class SensorBand:
-    """One band of a sensor.
-
-    Attributes
-    ----------
-    name : str
-        Name of the band.
-    low, high : float
-        Edges of the band [nm].
-    full_scale : float
-        Radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it.
-    time_offset : float
-        Time after the first band [s].
-    """
+    """One band of a sensor."""
 
     name: str
-    low: float
-    high: float
-    full_scale: float
-    time_offset: float = 0.0
+    low: float  # edge [nm]
+    high: float  # edge [nm]
+    full_scale: float  # radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it
+    time_offset: float = 0.0  # after the first band [s]
 
     @property
     def wavelength(self) -> float:
@@ -60,57 +45,25 @@ class SensorBand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
-    """Optics, detector and bands.
-
-    Attributes
-    ----------
-    name : str
-        Name of the sensor.
-    bands : tuple of SensorBand
-        In file order.
-    gsd : float
-        Ground sampling distance [m].
-    f_number : float
-        Focal length over aperture.
-    pitch : float
-        Detector pitch [m].
-    smear : float
-        Motion during the exposure, along the columns of the image [pixel].
-    jitter : float
-        Standard deviation of the line of sight, per axis [pixel].
-    quantum_efficiency, transmission : float
-        Electrons per photon, and share of light that the optics pass.
-    well : float
-        Electrons at full scale.
-    read_noise : float
-        Standard deviation [electrons].
-    dark_current : float
-        [electrons/s]
-    bits : int
-        Of the quantisation.
-    """
+class Sensor(Checked):
+    """Optics, detector and bands."""
 
     name: str
-    bands: tuple[SensorBand, ...]
-    gsd: float
-    f_number: float
-    pitch: float
-    smear: float = 0.5
-    jitter: float = 0.0
-    quantum_efficiency: float = 0.8
-    transmission: float = 0.8
-    well: float = 100_000.0
-    read_noise: float = 12.0
-    dark_current: float = 0.0
-    bits: int = 12
+    bands: tuple[SensorBand, ...]  # in file order
+    gsd: float = ranged(MISSING, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
+    f_number: float = ranged(MISSING, 0.7, 200.0, "", "It is focal length over aperture.")
+    pitch: float = ranged(MISSING, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
+    smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
+    jitter: float = 0.0  # standard deviation of the line of sight, per axis [pixel]
+    quantum_efficiency: float = 0.8  # electrons per photon
+    transmission: float = 0.8  # share of light that the optics pass
+    well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
+    read_noise: float = 12.0  # standard deviation [electrons]
+    dark_current: float = 0.0  # [electrons/s]
+    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.")
 
     def __post_init__(self) -> None:
-        within("gsd", self.gsd, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
-        within("f_number", self.f_number, 0.7, 200.0, "", "It is focal length over aperture.")
-        within("pitch", self.pitch, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
-        within("bits", self.bits, 1, 16, "", "Numbers are kept in 16 bits.")
-        within("well", self.well, 1.0, 1e9, "electrons", "It is what fills a pixel.")
+        super().__post_init__()
         if not self.bands:
             raise BandError(f"sensor {self.name} has no bands; give at least one")
 
@@ -120,13 +73,7 @@ class Sensor:
         return (1 << self.bits) - 1
 
     def band(self, name: str) -> SensorBand:
-        """Band by name (case does not matter).
-
-        Raises
-        ------
-        BandError
-            No such band; the message lists them.
-        """
+        """Band by name (case does not matter); BandError, which lists them, if there is none."""
         for b in self.bands:
             if b.name.casefold() == name.strip().casefold():
                 return b
@@ -146,7 +93,7 @@ class Sensor:
         return replace(self, bands=bands)
 
 
-def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Array]]:
+def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
     """Wavelengths of all bands in steps of 1 nm, and a function that averages over each band.
 
     Parameters
@@ -171,13 +118,13 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Array, Callable[[Array], Ar
     sizes = np.array([steps.size for steps in ranges])
     starts = np.cumsum(sizes) - sizes
 
-    def mean(values: Array) -> Array:
+    def mean(values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes.reshape(-1, *[1] * (values.ndim - 1)))
 
     return np.concatenate(ranges), mean
 
 
-def mtf_diffraction(frequency: npt.ArrayLike) -> Array:
+def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
     """Diffraction MTF of a perfect circular aperture.
 
     ``2/pi (arccos x - x sqrt(1 - x**2))``, zero beyond the cutoff.
@@ -206,7 +153,7 @@ def cutoff(sensor: Sensor, wavelength: float) -> float:
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
-def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Array:
+def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Floats:
     """MTF of the whole sensor: diffraction, detector, smear and jitter.
 
     ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, frequencies in
@@ -235,7 +182,7 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     return np.asarray(out * np.exp(-2 * np.pi**2 * sensor.jitter**2 * squared))
 
 
-def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Array:
+def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
     """PSF: share of the light of a point source in each pixel, the source at the centre of the central pixel.
 
     Parameters
@@ -271,7 +218,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     return ((waves * weight) @ quarter @ (waves * weight).T)[np.ix_(both, both)]
 
 
-def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Array:
+def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
     """Electrons in a pixel for a radiance.
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).
@@ -296,7 +243,7 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
     return np.asarray(np.pi * sensor.pitch**2 * exposure * efficiency * in_band / photon_energy)
 
 
-def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
+def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
     """Standard deviation of a pixel [electrons]: shot, dark, read and quantisation noise.
 
     ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``
@@ -313,7 +260,7 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Array:
 
 def noise_equivalent_radiance(
     radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
-) -> Array:
+) -> Floats:
     """Difference of radiance that equals the noise at this radiance [W m-2 sr-1 nm-1], ``L s / N``."""
     exposure = sensor.exposure(band) if exposure is None else exposure
     per_radiance = electrons(1.0, sensor, band, exposure=exposure)
@@ -321,7 +268,7 @@ def noise_equivalent_radiance(
 
 
 def digitise(
-    radiance: Array, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
+    radiance: Floats, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
 ) -> npt.NDArray[np.uint16]:
     """Digital numbers of a band, dark level subtracted.
 

@@ -33,18 +33,14 @@ def radiance(
     sun_zenith: npt.ArrayLike = 0.0,
     sun_azimuth: npt.ArrayLike = 0.0,
     *,
-    diffuse: npt.ArrayLike = 1.0,
     model: str = "uniform",
-    contrast: float = 2.0,
 ) -> Array:
-    """Radiance of the sky in a direction.
+    """Radiance of the sky in a direction, per unit of diffuse irradiance of a horizontal plane [1/sr].
 
-    Uniform: E / pi. Cardioidal: E (1 + C cos(zenith)) / (pi (1 + 2 C / 3)). Harrison and Coombes (1988), with
-    psi the angle from the sun in radians and theta the zenith angle, in proportion to
+    Uniform: 1 / pi. Cardioidal: (1 + 2 cos(zenith)) / (pi (1 + 4 / 3)). Harrison and Coombes (1988), with psi the
+    angle from the sun in radians and theta the zenith angle, in proportion to
 
         (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
-
-    Raises InputError: a zenith angle is out of range, or there is no such sky.
 
     Parameters
     ----------
@@ -52,17 +48,8 @@ def radiance(
         Direction, zenith angle 0 to 90 and azimuth [degree].
     sun_zenith, sun_azimuth : array_like
         Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; used only by Harrison and Coombes.
-    diffuse : array_like
-        Diffuse irradiance E of a horizontal plane [W m-2 nm-1].
     model : str
         One of `SKY_MODELS`.
-    contrast : float
-        C of the cardioidal sky [1]: 0 is uniform, 1.25 a heavy overcast, 2 the usual.
-
-    Returns
-    -------
-    ndarray
-        Radiance [W m-2 sr-1 nm-1]; per unit of irradiance [1/sr] where `diffuse` is left out.
 
     Examples
     --------
@@ -71,44 +58,26 @@ def radiance(
     """
     choice("model", model, SKY_MODELS)
     zenith = within("zenith", zenith, 0.0, 90.0, "degrees", "Directions below the horizon see no sky.")
-    cosine = np.cos(np.radians(zenith))
-    diffuse = np.asarray(diffuse, dtype=np.float64)
-    cosine, azimuth = np.broadcast_arrays(cosine, np.asarray(azimuth, dtype=np.float64))
-    if model == "uniform":
-        return np.where(np.isnan(cosine), np.nan, diffuse / np.pi)
-    if model == "cardioidal":
-        contrast = float(within("contrast", contrast, 0.0, 10.0, "", "2 is the usual, 0 uniform."))
-        return diffuse * (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
+    turn = np.radians(np.asarray(azimuth, dtype=np.float64) - np.asarray(sun_azimuth, dtype=np.float64))
+    cosine, turn = np.broadcast_arrays(np.cos(np.radians(zenith)), turn)
     sun_zenith = sun_angle(sun_zenith)
-    sun_cosine = np.cos(np.radians(sun_zenith))
-    turn = np.radians(azimuth - np.asarray(sun_azimuth, dtype=np.float64))
-    return diffuse * _clear(cosine, sun_cosine, turn) / _clear_total(sun_zenith)
+    towards = _from_sun(cosine, np.cos(np.radians(sun_zenith)), turn)
+    return radiance_of_cosines(cosine, towards, sun_zenith, model=model)
 
 
-def radiance_of_cosines(
-    cosine: Array, towards: Array, sun_zenith: float, *, model: str = "uniform", contrast: float = 2.0
-) -> Array:
-    """As `radiance` per unit of diffuse irradiance, from cosines and without checks: for many facets [1/sr].
+def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
+    """As `radiance`, from the cosines of the zenith angle and of the angle from the sun, without checks.
 
-    Parameters
-    ----------
-    cosine, towards : ndarray
-        Cosine of the zenith angle of the direction and of its angle from the sun [1].
-    sun_zenith : float
-        [degree]
-    model, contrast
-        See `radiance`.
-
-    Examples
-    --------
-    >>> float(radiance_of_cosines(np.array(1.0), np.cos(np.radians(30.0)), 30.0, model="harrison-coombes").round(4))
-    0.2694
+    For many facets: the result has the precision of `cosine`.
     """
     if model == "uniform":
-        return np.full_like(cosine, 1.0 / np.pi)
+        return 1.0 / np.pi + 0.0 * cosine
     if model == "cardioidal":
-        return (1.0 + contrast * cosine) / (np.pi * (1.0 + 2.0 * contrast / 3.0))
-    return _glow(cosine, towards, float(np.cos(np.radians(sun_zenith)))) / float(_clear_total(np.asarray(sun_zenith)))
+        return (1.0 + 2.0 * cosine) / (np.pi * (1.0 + 4.0 / 3.0))
+    sun_cosine, total = (
+        np.asarray(a, cosine.dtype) for a in (np.cos(np.radians(sun_zenith)), _clear_total(np.asarray(sun_zenith)))
+    )
+    return _glow(cosine, towards, sun_cosine) / total
 
 
 def reflectance(
@@ -119,10 +88,7 @@ def reflectance(
     *,
     wind: npt.ArrayLike,
     wind_from: npt.ArrayLike,
-    slope_model: str = "cox-munk",
     model: str = "uniform",
-    contrast: float = 2.0,
-    index: float = fresnel.WATER_INDEX,
     nodes: int = 20,
 ) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
@@ -133,18 +99,14 @@ def reflectance(
     under a uniform sky. Facets that face away from the sensor, or mirror the sea instead of the sky, add
     nothing.
 
-    Raises InputError: a value is out of range, or there is no such model.
-
     Parameters
     ----------
     view_zenith, view_azimuth : array_like
         Of the sensor from the target, zenith angle 0 to 89 [degree].
-    sun_zenith, sun_azimuth, model, contrast
+    sun_zenith, sun_azimuth, model
         The sky; see `radiance`.
     wind, wind_from : array_like
-        Speed at the reference height of the slope model [m/s], and the azimuth that it blows from [degree].
-    slope_model, index : str, float
-        One of `slopes.MODELS`, and the refractive index of water [1].
+        Speed at 12.5 m [m/s], and the azimuth that it blows from [degree]; slopes are those of Cox and Munk.
     nodes : int
         Facets along each axis; the computing time grows with its square.
 
@@ -156,15 +118,15 @@ def reflectance(
     look = np.broadcast_arrays(view_angle(view_zenith), view_azimuth, sun_zenith, sun_azimuth, wind, wind_from)
     zenith, azimuth, sun_zenith, sun_azimuth, wind, wind_from = (np.asarray(x, np.float64)[..., None] for x in look)
     total = np.zeros(look[0].shape)
-    variance_u, variance_c = slopes.variances(wind, model=slope_model)
+    variance_u, variance_c = slopes.variances(wind)
     cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
     variance_along = variance_u * cosine2 + variance_c * (1.0 - cosine2)
     variance_across = variance_c * cosine2 + variance_u * (1.0 - cosine2)
     for along, across, weight in _panels(zenith, variance_along, variance_across, nodes):
         slant, incidence, up, turn = _mirror(zenith, along, across)
-        mirrored = radiance(up, azimuth + turn, sun_zenith, sun_azimuth, model=model, contrast=contrast)
-        density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind, model=slope_model)
-        share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence, index)
+        mirrored = radiance(up, azimuth + turn, sun_zenith, sun_azimuth, model=model)
+        density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind)
+        share = density * slant / np.cos(np.radians(zenith)) * fresnel.reflectance(incidence)
         total += np.sum(weight * share * mirrored, axis=-1)
     return total / (1.0 + slopes.hidden(zenith, variance_along))[..., 0]
 
@@ -206,21 +168,20 @@ def _arccos(cosine: Array) -> Array:
     return np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
 
 
-def _clear(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
+def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
+    """Cosine of the angle between a direction and the sun, whose azimuths differ by `turn` [radian]."""
+    return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
+
+
+def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
     """Harrison and Coombes without their last factor, which cancels in the normalisation."""
-    sines = np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2))
-    return _glow(cosine, cosine * sun_cosine + sines * np.cos(turn), sun_cosine)
-
-
-def _glow(cosine: Array, towards: Array, sun_cosine: Array | float) -> Array:
-    """`_clear` from the cosine of the angle from the sun."""
     towards = np.clip(towards, -1.0, 1.0)
     glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
     return glow * (1.0 - np.exp(-0.19 / np.maximum(cosine, 1e-9)))
 
 
 def _clear_total(sun_zenith: Array) -> Array:
-    """Integral of `_clear` times the cosine over the sky, from a polynomial in the sun's zenith angle."""
+    """Integral of `_glow` times the cosine over the sky, from a polynomial in the sun's zenith angle."""
     return np.asarray(chebyshev.chebval(sun_zenith / 45.0 - 1.0, _clear_fit()), dtype=np.float64)
 
 
@@ -234,5 +195,6 @@ def _clear_fit() -> Array:
     around = np.full(97, 2.0 * np.pi / 96.0)
     around[[0, -1]] *= 0.5
     sun_cosine = np.cos(np.radians(45.0 * (x + 1.0)))[:, None, None]
-    total = np.einsum("...ij,i,j", _clear(cosine[:, None], sun_cosine, turn), weights * cosine, around)
+    light = _glow(cosine[:, None], _from_sun(cosine[:, None], sun_cosine, turn), sun_cosine)
+    total = np.einsum("...ij,i,j", light, weights * cosine, around)
     return np.asarray(chebyshev.chebfit(x, total, 14), dtype=np.float64)

@@ -31,30 +31,18 @@ WIND_RANGE = (0.1, 20.0)
 """Range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14."""
 _DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
 _KARMAN = 0.4
-_FEW = 10_000
+_ERFC = np.vectorize(math.erfc, otypes=[float])  # scipy.special takes long to import
 
 
 @dataclass(frozen=True)
 class SlopeModel:
-    """A model of slopes: variances and Gram-Charlier coefficients as functions of wind.
+    """A model of slopes: variances and Gram-Charlier coefficients as functions of wind."""
 
-    Attributes
-    ----------
-    height : float
-        Reference height of the wind above the sea [m].
-    upwind, crosswind : (float, float)
-        Variance of slope: constant [1], and increase with wind [s/m].
-    skewness : callable
-        Function of wind [m/s] that returns (c21, c03); None for a Gaussian.
-    peakedness : (float, float, float)
-        c40, c22, c04; the first belongs to the crosswind axis, the last to the upwind axis.
-    """
-
-    height: float
-    upwind: tuple[float, float]
+    height: float  # reference height of the wind above the sea [m]
+    upwind: tuple[float, float]  # variance of slope: constant [1], and increase with wind [s/m]
     crosswind: tuple[float, float]
-    skewness: Callable[[Array], tuple[Array, Array]] | None = None
-    peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    skewness: Callable[[Array], tuple[Array, Array]] | None = None  # (c21, c03) of a wind [m/s]; None for a Gaussian
+    peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)  # c40 (crosswind), c22, c04 (upwind)
 
 
 def _skewness_cox_munk(wind: Array) -> tuple[Array, Array]:
@@ -89,8 +77,6 @@ def density(
         p = exp(-(X^2 + Y^2) / 2) / (2 pi sigma_u sigma_c)
             [1 - c21 (Y^2 - 1) X / 2 - c03 (X^3 - 3 X) / 6 + c40 (Y^4 - 6 Y^2 + 3) / 24
                + c22 (X^2 - 1)(Y^2 - 1) / 4 + c04 (X^4 - 6 X^2 + 3) / 24].
-
-    Raises InputError: the wind is out of range, or there is no such model.
 
     Parameters
     ----------
@@ -135,8 +121,6 @@ def gaussian(
 ) -> Array:
     """Gaussian density of slopes with given variances, as for the waves that a pixel does not resolve.
 
-    Raises InputError: a variance is not above 0.
-
     Parameters
     ----------
     upwind, crosswind : array_like
@@ -163,8 +147,6 @@ def gaussian(
 
 def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, Array]:
     """Variances of the slopes of the sea surface for a wind.
-
-    Raises InputError: the wind is out of range, or there is no such model.
 
     Parameters
     ----------
@@ -228,8 +210,6 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     The visible share of the sea is 1 / (1 + Lambda); the share that is visible and sunlit is 1 / (1 + Lambda_v +
     Lambda_s).
 
-    Raises InputError: an angle or variance is out of range.
-
     Parameters
     ----------
     zenith : array_like
@@ -246,24 +226,13 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
     variance = within("variance", variance, 1e-12, 10.0, "", "Give the variance of slope, not its root.")
     angle = np.radians(np.maximum(zenith, 1e-6))
     v = np.minimum(1.0 / (np.tan(angle) * np.sqrt(2.0 * variance)), 25.0)
-    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * _erfc(v)) / (2.0 * v * np.sqrt(np.pi))
-
-
-def _erfc(values: Array) -> Array:
-    """Complementary error function; few values are computed without scipy.special, whose import is slow."""
-    if values.size > _FEW:
-        from scipy.special import erfc
-
-        return np.asarray(erfc(values))
-    return np.reshape([math.erfc(v) for v in values.ravel().tolist()], values.shape)
+    return (np.exp(-(v**2)) - v * np.sqrt(np.pi) * _ERFC(v)) / (2.0 * v * np.sqrt(np.pi))
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
     """Wind at another height, by the logarithmic profile for neutral stability.
 
         U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  drag coefficient C = 1.3e-3.
-
-    Raises InputError: a height or the wind is out of range.
 
     Parameters
     ----------

@@ -5,12 +5,11 @@ Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves`
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.floating[Any]]
+from ._checks import Floats
 
 GRAVITY = 9.81
 """Acceleration of gravity [m s-2]."""
@@ -18,16 +17,15 @@ SURFACE_TENSION = 0.074 / 1025.0
 """Surface tension over density of sea water [m3 s-2]."""
 WIND_19_5 = 1.026
 """Wind at 19.5 m over wind at 10 m."""
+_AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea
+_ECKV_KM = 370.0  # wavenumber of its slowest wave [rad/m]
+_ECKV_CM = 0.23  # and its speed [m/s]
 
 
-def dispersion(wavenumber: Array, *, depth: float | None = None) -> Array:
-    """Angular frequency of free gravity-capillary waves [rad/s].
-
-    ``w**2 = (g k + (T/rho) k**3) tanh(k h)``; deep water if `depth` [m] is None.
-    """
+def dispersion(wavenumber: Floats) -> Floats:
+    """Angular frequency of free gravity-capillary waves on deep water [rad/s], ``w**2 = g k + (T/rho) k**3``."""
     k = np.asarray(wavenumber, dtype=np.float64)
-    squared = GRAVITY * k + SURFACE_TENSION * k**3
-    return np.sqrt(squared if depth is None else squared * np.tanh(k * depth))
+    return np.sqrt(GRAVITY * k + SURFACE_TENSION * k**3)
 
 
 def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
@@ -35,7 +33,7 @@ def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
     return 0.8772 * GRAVITY / (2 * np.pi * wind_19_5)
 
 
-def pierson_moskowitz(frequency: Array, *, wind_19_5: float) -> Array:
+def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
     """Pierson-Moskowitz spectrum of the fully developed sea.
 
     ``E(f) = 0.0081 g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4)``
@@ -64,29 +62,26 @@ def pierson_moskowitz(frequency: Array, *, wind_19_5: float) -> Array:
     return _gravity_tail(frequency, 0.0081, pierson_moskowitz_peak(wind_19_5=wind_19_5))
 
 
-def _gravity_tail(frequency: Array, alpha: float, peak: float) -> Array:
+def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
     f = np.asarray(frequency, dtype=np.float64)
     with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is the zero that is meant
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
 
 
-def jonswap_peak(*, wind: float, fetch: float, clamp: bool = True) -> float:
-    """Peak frequency of JONSWAP [Hz], ``3.5 (g**2 / (U10 F))**(1/3)``, not below the fully developed one."""
-    return 3.5 * (GRAVITY**2 / (wind * _effective_fetch(wind, fetch, clamp))) ** (1 / 3)
+def jonswap_peak(*, wind: float, fetch: float) -> float:
+    """Peak frequency of JONSWAP [Hz], ``3.5 (g**2 / (U10 F))**(1/3)``."""
+    return 3.5 * (GRAVITY**2 / (wind * fetch)) ** (1 / 3)
 
 
-def _effective_fetch(wind: float, fetch: float, clamp: bool) -> float:
-    """The fetch [m], limited to that of a fully developed sea."""
-    if not clamp:
-        return fetch
-    developed = pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)
-    return min(fetch, GRAVITY**2 / wind * (3.5 / developed) ** 3)
+def developed_fetch(wind: float) -> float:
+    """Fetch [m] at which the peak of JONSWAP is that of the fully developed sea (Pierson and Moskowitz)."""
+    return GRAVITY**2 / wind * (3.5 / pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)) ** 3
 
 
-def jonswap(frequency: Array, *, wind: float, fetch: float, gamma: float = 3.3, clamp: bool = True) -> Array:
+def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
     """JONSWAP spectrum of a fetch-limited sea.
 
-    ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) gamma**exp(-((f/fp - 1)/s)**2 / 2)``,
+    ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) 3.3**exp(-((f/fp - 1)/s)**2 / 2)``,
     ``alpha = 0.076 (U10**2 / (F g))**0.22``, ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, s = 0.07 below the peak
     and 0.09 above.
 
@@ -97,11 +92,7 @@ def jonswap(frequency: Array, *, wind: float, fetch: float, gamma: float = 3.3, 
     wind : float
         Wind speed at 10 m [m/s].
     fetch : float
-        [m]
-    gamma : float
-        Peak enhancement.
-    clamp : bool
-        Limit the fetch to that at which the peak is that of Pierson and Moskowitz.
+        [m], at most `developed_fetch`.
 
     Returns
     -------
@@ -118,17 +109,21 @@ def jonswap(frequency: Array, *, wind: float, fetch: float, gamma: float = 3.3, 
     0.217
     """
     f = np.asarray(frequency, dtype=np.float64)
-    fetch = _effective_fetch(wind, fetch, clamp)
     alpha = 0.076 * (wind**2 / (fetch * GRAVITY)) ** 0.22
-    peak = jonswap_peak(wind=wind, fetch=fetch, clamp=False)
+    peak = jonswap_peak(wind=wind, fetch=fetch)
     width = np.where(f <= peak, 0.07, 0.09)
     with np.errstate(under="ignore"):
-        enhancement = gamma ** np.exp(-0.5 * ((f / peak - 1) / width) ** 2)
+        enhancement = 3.3 ** np.exp(-0.5 * ((f / peak - 1) / width) ** 2)
     return _gravity_tail(f, alpha, peak) * enhancement
 
 
-def elfouhaily(wavenumber: Array, *, wind: float, age: float = 0.84) -> Array:
-    """Elfouhaily's unified spectrum of long and short waves.
+def elfouhaily_peak(wind: float) -> float:
+    """Wavenumber of the peak of Elfouhaily's spectrum [rad/m]."""
+    return GRAVITY * (_AGE / wind) ** 2
+
+
+def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
+    """Elfouhaily's unified spectrum of long and short waves of a fully developed sea.
 
     ``S(k) = (B_l + B_h) / k**3`` with the long-wave curvature spectrum B_l (a JONSWAP shape) and the
     short-wave one B_h that peaks at 370 rad/m.
@@ -139,8 +134,6 @@ def elfouhaily(wavenumber: Array, *, wind: float, age: float = 0.84) -> Array:
         [rad/m], positive.
     wind : float
         Wind speed at 10 m [m/s].
-    age : float
-        Inverse wave age.
 
     Returns
     -------
@@ -162,27 +155,22 @@ def elfouhaily(wavenumber: Array, *, wind: float, age: float = 0.84) -> Array:
     0.00552
     """
     k = np.asarray(wavenumber, dtype=np.float64)
-    peak = GRAVITY * (age / wind) ** 2
+    peak = elfouhaily_peak(wind)
     ratio = np.sqrt(k / peak)
     long_speed, speed = np.sqrt(GRAVITY / peak), _eckv_speed(k)
-    gamma = 1.7 if age <= 1 else 1.7 + 6 * np.log10(age)
     with np.errstate(over="ignore", under="ignore"):
         shape = np.exp(-1.25 * (peak / k) ** 2)
-        shape *= gamma ** np.exp(-((ratio - 1) ** 2) / (2 * (0.08 * (1 + 4 * age**-3)) ** 2))
-        long_cut = np.exp(-age / np.sqrt(10) * (ratio - 1))
+        shape *= 1.7 ** np.exp(-((ratio - 1) ** 2) / (2 * (0.08 * (1 + 4 * _AGE**-3)) ** 2))
+        long_cut = np.exp(-_AGE / np.sqrt(10) * (ratio - 1))
         short_cut = np.exp(-0.25 * (k / _ECKV_KM - 1) ** 2)
     friction = np.log(_friction_velocity(wind) / _ECKV_CM)
     alpha = max(0.01 * (1 + (friction if friction < 0 else 3 * friction)), 0.0)
-    b_long = 0.5 * 0.006 * np.sqrt(age) * long_speed / speed * shape * long_cut
+    b_long = 0.5 * 0.006 * np.sqrt(_AGE) * long_speed / speed * shape * long_cut
     b_short = 0.5 * alpha * _ECKV_CM / speed * shape * short_cut
     return (b_long + b_short) / k**3
 
 
-_ECKV_KM = 370.0  # wavenumber of the slowest wave [rad/m]
-_ECKV_CM = 0.23  # and its speed [m/s]
-
-
-def _eckv_speed(k: Array) -> Array:
+def _eckv_speed(k: Floats) -> Floats:
     return np.sqrt(GRAVITY / k * (1 + (k / _ECKV_KM) ** 2))
 
 
@@ -190,10 +178,10 @@ def _friction_velocity(wind: float) -> float:
     return float(np.sqrt(1.44e-3) * wind)
 
 
-def elfouhaily_spread(wavenumber: Array, *, wind: float, age: float = 0.84) -> Array:
+def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
     """Directional anisotropy D(k) of Elfouhaily, in ``(1 + D cos 2a) / (2 pi)``, 0 to 1."""
     k = np.asarray(wavenumber, dtype=np.float64)
-    speed, long_speed = _eckv_speed(k), wind / age
+    speed, long_speed = _eckv_speed(k), wind / _AGE
     short = 0.13 * _friction_velocity(wind) / _ECKV_CM
     return np.tanh(np.log(2) / 4 + 4 * (speed / long_speed) ** 2.5 + short * (_ECKV_CM / speed) ** 2.5)
 

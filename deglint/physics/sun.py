@@ -11,12 +11,10 @@ Reda, Andreas (2004), "Solar position algorithm for solar radiation applications
 
 from __future__ import annotations
 
-import sys
 from datetime import UTC, datetime
 from functools import cache
-from importlib import import_module
-from importlib.machinery import PathFinder
-from importlib.util import find_spec, module_from_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,8 +45,6 @@ def position(
     refraction: bool = True,
 ) -> Position:
     """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
-
-    Raises InputError: a coordinate is out of range, or a time cannot be read.
 
     Parameters
     ----------
@@ -84,8 +80,6 @@ def position(
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     """Next sunrise (centre of the sun) within a day, to about a minute.
 
-    Raises InputError: a coordinate is out of range, or the time cannot be read.
-
     Parameters
     ----------
     latitude, longitude, time
@@ -112,8 +106,6 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
 def distance_factor(day: npt.ArrayLike) -> Array:
     """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
-
-    Raises InputError: the day is out of range.
 
     Parameters
     ----------
@@ -142,8 +134,6 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 def day_of_year(time: Any) -> Array:
     """Day of the year with its fraction, 1.0 at the start of the first of January UTC, for times as in `position`.
 
-    Raises InputError: a time cannot be read.
-
     Examples
     --------
     >>> float(day_of_year("2026-02-01T12:00"))
@@ -157,8 +147,6 @@ def day_of_year(time: Any) -> Array:
 def moment(time: Any) -> np.datetime64:
     """A time as in `position`, in UTC to the second.
 
-    Raises InputError: the time cannot be read.
-
     Examples
     --------
     >>> str(moment("2026-06-21T20:00+02:00"))
@@ -170,13 +158,12 @@ def moment(time: Any) -> np.datetime64:
 @cache
 def _spa() -> Any:
     """The module pvlib.spa alone: it needs only numpy, while importing all of pvlib takes a second."""
-    known = sys.modules.get("pvlib.spa")
     package = find_spec("pvlib")
-    if known is not None or package is None or package.submodule_search_locations is None:
-        return known or import_module("pvlib.spa")
-    found = PathFinder.find_spec("spa", list(package.submodule_search_locations))
-    if found is None or found.loader is None:
-        return import_module("pvlib.spa")
+    assert package is not None
+    assert package.origin is not None
+    found = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
+    assert found is not None
+    assert found.loader is not None
     module = module_from_spec(found)
     found.loader.exec_module(module)
     return module

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
+from ._checks import Floats
 from .spectra import GRAVITY, SURFACE_TENSION, elfouhaily_spread, spreading_norm
 from .waves import Sea, omnidirectional, spread_convention
 
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
-Array = npt.NDArray[np.floating[Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
 SLABS = 16
@@ -28,38 +28,24 @@ SLABS = 16
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One realisation of a random sea surface.
-
-    Attributes
-    ----------
-    sea : Sea
-        The wind sea.
-    spacing : float
-        Grid step [m].
-    amplitudes : (row, column) complex64 ndarray
-        Amplitudes of the waves at time zero, in FFT order [m].
-    height_variance : float
-        Expected variance of the height on this grid [m2].
-    slope_variance : (float, float)
-        Expected variance of the slope upwind and crosswind on this grid.
-    """
+    """One realisation of a random sea surface; the variances are those expected on its grid."""
 
     sea: Sea
-    spacing: float
-    amplitudes: Complex = field(repr=False)
-    height_variance: float
-    slope_variance: tuple[float, float]
+    spacing: float  # grid step [m]
+    amplitudes: Complex = field(repr=False)  # of the waves at time zero, (row, column) complex64 in FFT order [m]
+    height_variance: float  # [m2]
+    slope_variance: tuple[float, float]  # upwind and crosswind
 
     @property
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return self.amplitudes.shape[0], self.amplitudes.shape[1]
 
-    def height(self, time: float = 0.0, *, workers: int = 1) -> Array:
+    def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
         """Height of the surface [m], (row, column) float32, row 0 in the north, at a time [s]."""
         return np.ascontiguousarray(self._field(time, False, workers).real)
 
-    def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Array, Array]:
+    def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Slopes towards east and towards north, (row, column) float32 each, at a time [s]."""
         packed = self.packed_slopes(time, workers=workers)
         return np.ascontiguousarray(packed.real), np.ascontiguousarray(packed.imag)
@@ -76,7 +62,7 @@ class Surface:
         rows, columns = self.shape
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
-        physics = (SURFACE_TENSION, GRAVITY, self.sea.depth or 0.0)
+        physics = SURFACE_TENSION, GRAVITY
         by_rows(lambda *slab: evolve(self.amplitudes, out, slab, steps, time, slopes, physics), rows // 2 + 1, workers)
         return fft.ifft2(out, norm="forward", overwrite_x=True, workers=workers)
 
@@ -183,7 +169,7 @@ def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], t
     density = np.log(np.maximum(omnidirectional(k, sea), 1e-300))
     convention = spread_convention(sea)
     if convention == "elfouhaily":
-        spread, how = elfouhaily_spread(k, wind=sea.wind, age=sea.age), (ELFOUHAILY, 0.0, 0.0, sea.opposing)
+        spread, how = elfouhaily_spread(k, wind=sea.wind), (ELFOUHAILY, 0.0, 0.0, sea.opposing)
     else:
         kind = HALF_ANGLE if convention == "half-angle" else FULL_ANGLE
         spread, how = np.zeros(1), (kind, float(sea.exponent), spreading_norm(sea.exponent, convention), 0.0)

@@ -10,15 +10,15 @@ blows from, clockwise from north; waves travel in the opposite direction.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Literal, get_args
 
 import numpy as np
 
 from ..errors import InputError
 from . import spectra
-from ._checks import choice, within
-from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, Array, dispersion
+from ._checks import Checked, Floats, one_of, ranged
+from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, dispersion
 
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
@@ -32,63 +32,33 @@ SHORT_WAVES = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sea:
-    """A wind sea.
+class Sea(Checked):
+    """A wind sea; spreads by default as Elfouhaily's waves do for their spectrum, else by half-angle cos-2s."""
 
-    Attributes
-    ----------
-    wind : float
-        Wind speed at 10 m [m/s], 1 to 20.
-    wind_from : float
-        Where the wind blows from [deg clockwise from north].
-    spectrum : {"elfouhaily", "jonswap", "pierson-moskowitz"}
-        Shape of the spectrum.
-    fetch : float
-        Distance over which the wind has blown [m]; JONSWAP only.
-    spreading : {"elfouhaily", "half-angle", "full-angle"}, optional
-        Directional spreading about the wind; by default that of Elfouhaily for its spectrum, else half-angle cos-2s.
-    exponent : float
-        s of the cos-2s spreading. 2 gives the anisotropy of Cox and Munk at 9 m/s.
-    age : float
-        Inverse wave age of Elfouhaily; 0.84 is fully developed.
-    opposing : float
-        Share of the energy that Elfouhaily's waves carry against the wind, 0 to 0.5.
-    depth : float, optional
-        Depth of the water for the dispersion [m]; deep by default.
-    short_gain : float
-        Factor on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance.
-    """
-
-    wind: float
-    wind_from: float = 0.0
-    spectrum: Spectrum = "elfouhaily"
-    fetch: float = 100e3
-    spreading: Spreading | None = None
-    exponent: float = 2.0
-    age: float = 0.84
-    opposing: float = 0.0
-    depth: float | None = None
-    short_gain: float = 1.0
-
-    def __post_init__(self) -> None:
-        choice("spectrum", self.spectrum, get_args(Spectrum))
-        choice("spreading", self.spreading, (None, *get_args(Spreading)))
-        within("wind", self.wind, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
-        within("fetch", self.fetch, 1e3, 2e6, "m", "Give the fetch in metres.")
-        within("exponent", self.exponent, 0.5, 100.0, "", "It is the s of cos-2s; 2 fits Cox and Munk.")
-        within("age", self.age, 0.84, 5.0, "", "0.84 is fully developed, larger is younger.")
-        within("opposing", self.opposing, 0.0, 0.5, "", "It is a share of the energy.")
+    wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
+    wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give where the wind blows from, from north.")
+    spectrum: Spectrum = one_of("elfouhaily", get_args(Spectrum))
+    fetch: float = ranged(100e3, 1e3, 2e6, "m", "Give over which distance the wind has blown; it is for JONSWAP only.")
+    spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
+    exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")
+    opposing: float = ranged(0.0, 0.0, 0.5, "", "It is the share of the energy that Elfouhaily's waves carry upwind.")
+    short_gain: float = 1.0  # on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance
 
     @property
     def peak_wavenumber(self) -> float:
         """Wavenumber of the spectral peak [rad/m]."""
         if self.spectrum == "elfouhaily":
-            return GRAVITY * (self.age / self.wind) ** 2
+            return spectra.elfouhaily_peak(self.wind)
         if self.spectrum == "jonswap":
-            peak = spectra.jonswap_peak(wind=self.wind, fetch=self.fetch)
+            peak = spectra.jonswap_peak(wind=self.wind, fetch=self.effective_fetch)
         else:
             peak = spectra.pierson_moskowitz_peak(wind_19_5=WIND_19_5 * self.wind)
         return (2 * np.pi * peak) ** 2 / GRAVITY
+
+    @property
+    def effective_fetch(self) -> float:
+        """The fetch [m], limited to that of a fully developed sea."""
+        return min(self.fetch, spectra.developed_fetch(self.wind))
 
     @property
     def peak_wavelength(self) -> float:
@@ -96,19 +66,19 @@ class Sea:
         return 2 * np.pi / self.peak_wavenumber
 
 
-def omnidirectional(wavenumber: Array, sea: Sea) -> Array:
+def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
     """Omnidirectional spectral density of height over wavenumber [m3].
 
     Frequency spectra are converted by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     if sea.spectrum == "elfouhaily":
-        density = spectra.elfouhaily(k, wind=sea.wind, age=sea.age)
+        density = spectra.elfouhaily(k, wind=sea.wind)
     else:
         w = dispersion(k)
         f = w / (2 * np.pi)
         if sea.spectrum == "jonswap":
-            energy = spectra.jonswap(f, wind=sea.wind, fetch=sea.fetch)
+            energy = spectra.jonswap(f, wind=sea.wind, fetch=sea.effective_fetch)
         else:
             energy = spectra.pierson_moskowitz(f, wind_19_5=WIND_19_5 * sea.wind)
         density = energy * (GRAVITY + 3 * SURFACE_TENSION * k**2) / (2 * w) / (2 * np.pi)
@@ -120,7 +90,7 @@ def spread_convention(sea: Sea) -> Spreading:
     return sea.spreading or ("elfouhaily" if sea.spectrum == "elfouhaily" else "half-angle")
 
 
-def anisotropy(wavenumber: Array, sea: Sea) -> Array:
+def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
     """Mean of cos(2a) over the directions of the waves of a wavenumber: 0 (isotropic) to 1 (all along the wind).
 
     Half of Elfouhaily's D; ``s (s-1) / ((s+1)(s+2))`` for half-angle cos-2s, ``s / (s+1)`` for full-angle.
@@ -128,36 +98,20 @@ def anisotropy(wavenumber: Array, sea: Sea) -> Array:
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent
     if convention == "elfouhaily":
-        return 0.5 * spectra.elfouhaily_spread(k, wind=sea.wind, age=sea.age)
+        return 0.5 * spectra.elfouhaily_spread(k, wind=sea.wind)
     return np.full_like(k, s * (s - 1) / ((s + 1) * (s + 2)) if convention == "half-angle" else s / (s + 1))
 
 
-def _wavenumbers(sea: Sea, longest: float | None, shortest: float) -> Array:
+def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Floats:
+    """Wavenumbers [rad/m] for integrals over the waves between two wavelengths [m], by default from ten peak waves."""
     low = sea.peak_wavenumber / 10 if longest is None else 2 * np.pi / longest
     if not shortest > 0 or 2 * np.pi / shortest <= low:
         raise InputError(f"shortest must be above 0 m and below {2 * np.pi / low:.3g} m, got {shortest:g} m")
     return np.geomspace(low, 2 * np.pi / shortest, 4001)
 
 
-def height_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> float:
-    """Variance of the height between two wavelengths [m2]; the significant height is 4 times its root."""
-    k = _wavenumbers(sea, longest, shortest)
-    return float(np.trapezoid(omnidirectional(k, sea) * k, np.log(k)))
-
-
 def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
-    """Slope variance of the waves between two wavelengths, along and across the wind.
-
-    Parameters
-    ----------
-    sea : Sea
-    longest, shortest : float
-        Wavelengths [m]; from ten peak wavelengths to 3 mm by default.
-
-    Returns
-    -------
-    (float, float)
-        Upwind and crosswind.
+    """Slope variance of the waves between two wavelengths, upwind and crosswind; see `wavenumbers`.
 
     Examples
     --------
@@ -165,38 +119,8 @@ def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = 
     >>> round(up + cross, 3)
     0.028
     """
-    k = _wavenumbers(sea, longest, shortest)
+    k = wavenumbers(sea, longest=longest, shortest=shortest)
     density = omnidirectional(k, sea) * k**3
     total = float(np.trapezoid(density, np.log(k)))
     excess = float(np.trapezoid(density * anisotropy(k, sea), np.log(k)))
     return 0.5 * (total + excess), 0.5 * (total - excess)
-
-
-def slope_correlation(lag: Array, sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Array:
-    """Temporal autocorrelation of the slope at a fixed point.
-
-    ``R(t) = int k**2 S cos(w t) dk / int k**2 S dk``
-
-    Parameters
-    ----------
-    lag : ndarray
-        [s]
-    sea : Sea
-    longest, shortest : float
-        Range of wavelengths [m]; a grid resolves those longer than two of its steps.
-
-    Returns
-    -------
-    ndarray
-        Same shape as `lag`.
-
-    Examples
-    --------
-    >>> float(slope_correlation(0.060, Sea(wind=9.0), shortest=0.2).round(2))
-    0.92
-    """
-    k = _wavenumbers(sea, longest, shortest)
-    weight = omnidirectional(k, sea) * k**3
-    phase = np.asarray(lag, dtype=np.float64)[..., None] * dispersion(k, depth=sea.depth)
-    summed = np.trapezoid(weight * np.cos(phase), np.log(k), axis=-1)
-    return np.asarray(summed / np.trapezoid(weight, np.log(k)))

@@ -59,14 +59,29 @@ def selected(moments: Sequence[Moment]) -> list[int]:
 
 
 def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
+    """Contrast and solar elevation over time, and bars of the share of excluded viewing geometries."""
     left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
+    half, every = 0.5 * width / count, max(1, -(-len(moments) // 13))
 
     def at(k: int, share: float) -> Point:
         return left + width * k / count, top + height * (1.0 - share)
 
-    _axes(canvas, moments, high)
+    for k, m in enumerate(moments):
+        x, y = at(k, m.excluded_share)
+        start, end = max(x - half, left), min(x + half, left + width)
+        canvas.box(start, y, end - start, top + height - y, (246, 226, 208))
+        if k % every == 0:
+            canvas.line([(x, top + height), (x, top + height + 6)], INK, 1)
+            canvas.text((x, top + height + 18), str(m.time)[11:16], 13, INK, anchor="mm")
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        _, y = at(0, share)
+        canvas.line([(left, y), (left + width, y)], PALE, 1)
+        canvas.text((left - 8, y), f"{high * share:.0f}", 13, INK, anchor="rm")
+        canvas.text((left + width + 8, y), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
+    canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
+    canvas.text((left + width + 46, top - 16), "excluded", 13, ORANGE, anchor="rm")
     sun = [at(k, max(90.0 - m.sun_zenith, 0.0) / 90.0) for k, m in enumerate(moments)]
     canvas.line(sun, YELLOW, 2)
     peak = int(np.argmin([m.sun_zenith for m in moments]))
@@ -80,29 +95,6 @@ def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -
             canvas.circle(run[0], 3, BLUE, -1)
     if best is not None and best.geometry is not None:
         star(canvas, at(moments.index(best), best.geometry.contrast / high), 11.0)
-
-
-def _axes(canvas: Canvas, moments: Sequence[Moment], high: float) -> None:
-    """Axes of contrast and time, and bars of the share of excluded viewing geometries."""
-    left, top, width, height = _DAY_BOX
-    count = max(len(moments) - 1, 1)
-    half = 0.5 * width / count
-    every = max(1, -(-len(moments) // 13))
-    for k, m in enumerate(moments):
-        x = left + width * k / count
-        start, end = max(x - half, left), min(x + half, left + width)
-        tall = height * m.excluded_share
-        canvas.box(start, top + height - tall, end - start, tall, (246, 226, 208))
-        if k % every == 0:
-            canvas.line([(x, top + height), (x, top + height + 6)], INK, 1)
-            canvas.text((x, top + height + 18), str(m.time)[11:16], 13, INK, anchor="mm")
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        y = top + height * (1.0 - share)
-        canvas.line([(left, y), (left + width, y)], PALE, 1)
-        canvas.text((left - 8, y), f"{high * share:.0f}", 13, INK, anchor="rm")
-        canvas.text((left + width + 8, y), f"{100 * share:.0f} %", 13, ORANGE, anchor="lm")
-    canvas.text((left - 56, top - 16), "contrast, x noise", 13, INK, anchor="lm")
-    canvas.text((left + width + 46, top - 16), "excluded", 13, ORANGE, anchor="rm")
 
 
 def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best: bool) -> None:
@@ -124,13 +116,12 @@ def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Ima
     `words` is the text above the chart; by default that of the line.
     """
     first, *rest = words or [line.words()]
-    lines = [part for text in rest for part in draw.wrapped(text, 17, WIDTH - 80)]
-    down = 25.0 * len(lines)
+    down = 25.0 * sum(len(draw.wrapped(text, 17, WIDTH - 80)) for text in rest)
     canvas = Canvas(WIDTH, 640 + round(down))
     canvas.text((40, 22), "Which way to fly", 26)
     canvas.text((40, 60), "   ".join(conditions(mission)), 15, GREY)
     canvas.text((40, 86), first, 20)
-    canvas.lines((40, 116), lines, 17, 25, MAGENTA)
+    canvas.lines((40, 116), rest, 17, 25, MAGENTA, width=WIDTH - 80)
     centre, radius = (290.0, 380.0 + down), 180.0
     for share in (0.25, 0.5, 0.75, 1.0):
         canvas.circle(centre, radius * share, PALE if share < 1 else INK, 1)
@@ -185,16 +176,16 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
     canvas.text(below, "angle across the track: left of it, and right", 14, GREY, anchor="mm")
 
 
-def wind_picture(found: WindEnsemble, *, speed: float, turn: float) -> Image:
+def wind_picture(found: WindEnsemble) -> Image:
     """Reticle of the worst case: viewing geometries that are good under every wind, under some, or under none."""
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)
     what, *more = words(found)
     count = len(found.winds[0]) * len(found.winds[1])
-    blows = f"Wind ± {speed:g} m/s and ± {turn:g}°: the worst of {count} winds"
+    blows = f"Wind ± {found.speed:g} m/s and ± {found.turn:g}°: the worst of {count} winds"
     legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")
     top = float(good.max())
     shades = np.where(good > 0, good, layers(found.middle)[0]) / max(top, 1e-9)
-    caption = Caption("Where to look from", blows, what, " ".join(more), legend, top)
+    caption = Caption(blows, what, " ".join(more), legend, top)
     return page(found.middle, shades, [(some, ".", ORANGE), (always, "/", ORANGE)], found.best, caption)

@@ -50,17 +50,34 @@ def dataset(plan: Reticle) -> Any:
         import xarray
     except ImportError:
         raise InputError("this needs xarray: pip install 'deglint[xarray]', or write .json or .tif instead.") from None
-    axes = ("zenith", "azimuth")
-    data: dict[str, Any] = {n: (axes, _stored(layer(plan, n)), _said(*v)) for n, v in LAYERS.items()}
-    data |= {n: (("band", *axes), _stored(layer(plan, n)), _said(*v)) for n, v in BAND_LAYERS.items()}
-    where = "of the sensor as seen from the object"
+    mission, geometries, where = plan.mission, ("zenith", "azimuth"), "of the sensor as seen from the object"
+
+    def variable(axes: Any, values: npt.NDArray[Any], unit: str, meaning: str) -> tuple[Any, Any, dict[str, str]]:
+        kept = values.astype({"b": np.int8, "f": np.float32}[values.dtype.kind]) if values.ndim > 1 else values
+        return axes, kept, {"units": unit, "long_name": meaning}
+
+    data = {n: variable(geometries, layer(plan, n), *said) for n, said in LAYERS.items()}
+    data |= {n: variable(("band", *geometries), layer(plan, n), *said) for n, said in BAND_LAYERS.items()}
     coordinates = {
         "band": ("band", np.array(plan.bands)),
-        "wavelength": ("band", np.array([b.wavelength for b in plan.mission.channels]), _said("nm", "centre")),
-        "zenith": ("zenith", plan.zenith, _said("degrees", f"zenith angle {where}")),
-        "azimuth": ("azimuth", plan.azimuth, _said("degrees", f"azimuth {where}, clockwise from north")),
+        "wavelength": variable("band", np.array([b.wavelength for b in mission.channels]), "nm", "centre"),
+        "zenith": variable("zenith", plan.zenith, "degrees", f"zenith angle {where}"),
+        "azimuth": variable("azimuth", plan.azimuth, "degrees", f"azimuth {where}, clockwise from north"),
     }
-    return xarray.Dataset(data, coordinates, attrs=_attributes(plan))
+    attributes = {
+        "title": "glint avoidance plan: where to look from",
+        "sun_zenith": mission.sun[0],
+        "sun_azimuth": mission.sun[1],
+        **{name: getattr(mission, name) for name in ("wind", "wind_from", "depth", "reflectance", "chlorophyll")},
+        "sensor": mission.sensor.name,
+        "glint_limit": mission.limits.glint,
+        "words": description(best_geometry(plan)),
+    }
+    if mission.moment is not None:
+        attributes["time"] = f"{mission.moment}Z"
+    if mission.place is not None:
+        attributes |= {"latitude": mission.latitude, "longitude": mission.longitude}
+    return xarray.Dataset(data, coordinates, attrs=attributes)
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
@@ -70,7 +87,7 @@ def summary(plan: Reticle) -> dict[str, Any]:
         "mission": tables_of(plan.mission),
         "sun": dict(zip(("zenith", "azimuth"), plan.mission.sun, strict=True)),
         "excluded_share": excluded_share(plan),
-        "best": None if geometry is None else geometry_numbers(plan, geometry),
+        "best": None if geometry is None else _numbers(plan, geometry),
         "words": description(geometry),
         "cautions": list(plan.mission.cautions),
     }
@@ -82,19 +99,10 @@ def excluded_share(plan: Reticle) -> float:
     return float(np.average(plan.excluded[:, :-1], weights=weight))
 
 
-def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
+def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
     """A viewing geometry, with radiances and contrast of each band."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
-    bands = [
-        {
-            "band": name,
-            "usable": bool(plan.by_band[k, i, j] > 0),
-            **{n: float(layer(plan, n)[k, i, j]) for n in _NUMBER_LAYERS},
-            "electrons": {part: float(values[k, i, j]) for part, values in counts.items()},
-        }
-        for k, name in enumerate(plan.bands)
-    ]
     return {
         "zenith": geometry.zenith,
         "azimuth": geometry.azimuth,
@@ -103,7 +111,15 @@ def geometry_numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]
         "glint_strength": geometry.glint,
         "glint_probability": geometry.glint_probability,
         "away_from_excluded": geometry.margin,
-        "bands": bands,
+        "bands": [
+            {
+                "band": name,
+                "usable": bool(plan.by_band[k, i, j] > 0),
+                **{n: float(layer(plan, n)[k, i, j]) for n in _NUMBER_LAYERS},
+                "electrons": {part: float(values[k, i, j]) for part, values in counts.items()},
+            }
+            for k, name in enumerate(plan.bands)
+        ],
     }
 
 
@@ -127,27 +143,3 @@ def _rounded(values: npt.NDArray[Any]) -> Any:
     digits = 3.0 - np.floor(np.log10(np.maximum(np.abs(values), 1e-30)))
     scale = 10.0**digits
     return (np.rint(values * scale) / scale).tolist()
-
-
-def _stored(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return values.astype(np.int8) if values.dtype == bool else values.astype(np.float32)
-
-
-def _said(unit: str, meaning: str) -> dict[str, str]:
-    return {"units": unit, "long_name": meaning}
-
-
-def _attributes(plan: Reticle) -> dict[str, Any]:
-    mission, limits = plan.mission, plan.mission.limits
-    out: dict[str, Any] = {
-        "title": "glint avoidance plan: where to look from",
-        "sun_zenith": mission.sun[0],
-        "sun_azimuth": mission.sun[1],
-        **{name: getattr(mission, name) for name in ("wind", "wind_from", "depth", "reflectance", "chlorophyll")},
-        "sensor": mission.sensor.name,
-        "glint_limit": limits.glint,
-        "words": description(best_geometry(plan)),
-    }
-    if mission.moment is not None:
-        out["time"] = f"{mission.moment}Z"
-    return out if mission.place is None else out | dict(zip(("latitude", "longitude"), mission.place, strict=True))

@@ -72,19 +72,15 @@ class Canvas:
         """Add a line of text, drawn when the picture is finished; `anchor` as in Pillow, `halo` for a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
-    def paragraph(
-        self, at: Point, text: str, size: float, width: float, step: float, colour: Colour = INK, *, anchor: str = "la"
-    ) -> float:
-        """Add a text, wrapped to a width, in lines `step` apart [pixel]; returns the height below the last line."""
-        return self.lines(at, wrapped(text, size, width), size, step, colour, anchor=anchor)
-
     def lines(
-        self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *, anchor: str = "la"
-    ) -> float:
-        """Add lines of text, `step` apart [pixel]; returns the height below the last line."""
-        for k, text in enumerate(texts):
-            self.text((at[0], at[1] + k * step), text, size, colour, anchor=anchor)
-        return at[1] + len(texts) * step
+        self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *,
+        width: float | None = None, anchor: str = "la",
+    ) -> float:  # fmt: skip
+        """Add texts, wrapped to a width, in lines `step` apart [pixel]; returns the height below the last line."""
+        lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
+        for k, line in enumerate(lines):
+            self.text((at[0], at[1] + k * step), line, size, colour, anchor=anchor)
+        return at[1] + len(lines) * step
 
     def finished(self) -> Image:
         """The picture with its text."""
@@ -135,13 +131,7 @@ def png(image: Image) -> bytes:
     return bytes(data)
 
 
-def disc(
-    canvas: Canvas,
-    centre: Point,
-    radius: int,
-    share: npt.NDArray[Any],
-    patterns: Sequence[Pattern] = (),
-) -> None:
+def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], patterns: Sequence[Pattern] = ()) -> None:
     """Draw a disc of viewing geometries; the largest zenith angle lies at `radius` [pixel].
 
     `share` (zenith, azimuth) is the value 0 to 1 to be coloured, on equal steps, azimuth 0 to 360. Where the excess of

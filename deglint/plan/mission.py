@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import choice, coordinates, within
+from ..physics._checks import Checked, check_number, one_of, ranged
 from ..physics.atmosphere import Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
@@ -32,7 +31,7 @@ COARSE_STEP = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class Limits(Checked):
     """Limits beyond which a viewing geometry is excluded.
 
     Attributes
@@ -47,36 +46,25 @@ class Limits:
     sky_ratio, sky_probability : float
         Geometries are excluded where more than a share `sky_probability` of the sea reflects more skylight than
         `sky_ratio` times the radiance of deep water.
-    snr : float
-        Least contrast of the object over noise at which it is detectable in a band.
-    ner : float, optional
-        Noise-equivalent radiance [W m-2 sr-1 nm-1]; by default that of the sensor.
+    snr, ner : float
+        Least contrast of the object over noise at which it is detectable in a band, and the noise-equivalent radiance
+        [W m-2 sr-1 nm-1], by default that of the sensor.
     """
 
-    glint: float = 1e-3
-    glint_probability: float | None = None
-    tolerance: float | None = None
-    sky_ratio: float = 2.0
-    sky_probability: float = 0.1
-    snr: float = 3.0
-    ner: float | None = None
-
-    def __post_init__(self) -> None:
-        within("glint", self.glint, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
-        if self.glint_probability is not None:
-            within("glint_probability", self.glint_probability, 0.0, 1.0, "", "Give a share, such as 1e-5.")
-        if self.tolerance is not None:
-            within("tolerance", self.tolerance, 1e-3, 20.0, "degrees", "The solar disk has 0.27.")
-        within("sky_ratio", self.sky_ratio, 1e-3, 1e6, "", "2 means: the sky twice as bright as the water.")
-        within("sky_probability", self.sky_probability, 0.0, 1.0, "", "Give a share, such as 0.1.")
-        within("snr", self.snr, 0.0, 1e6, "", "3 is usual: contrast of three times the noise.")
-        if self.ner is not None:
-            within("ner", self.ner, 1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual.")
+    glint: float = ranged(1e-3, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
+    glint_probability: float | None = ranged(None, 0.0, 1.0, "", "Give a share, such as 1e-5.")
+    tolerance: float | None = ranged(None, 1e-3, 20.0, "degrees", "The solar disk has 0.27.")
+    sky_ratio: float = ranged(2.0, 1e-3, 1e6, "", "2 means: the sky twice as bright as the water.")
+    sky_probability: float = ranged(0.1, 0.0, 1.0, "", "Give a share, such as 0.1.")
+    snr: float = ranged(3.0, 0.0, 1e6, "", "3 is usual: contrast of three times the noise.")
+    ner: float | None = ranged(None, 1e-9, 10.0, "W m-2 sr-1 nm-1", "5e-4 is usual.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mission:
+class Mission(Checked):
     """All parameters of a plan; all but the place have defaults.
+
+    Raises InputError: a value is out of the range of its model, or the sun is down.
 
     Attributes
     ----------
@@ -86,12 +74,8 @@ class Mission:
         UTC unless a zone is given.
     sun_zenith, sun_azimuth : float, optional
         Instead of place and time [degree].
-    wind : float
-        Speed at `wind_height` [m/s].
-    wind_from : float
-        Azimuth that it blows from [degree].
-    wind_height : float
-        Height of the wind measurement [m].
+    wind, wind_from, wind_height : float
+        Speed [m/s], azimuth that it blows from [degree], and height of its measurement [m].
     air : Air, optional
         State of the atmosphere; its current wind is always that of the mission. By default the mean wind is the same,
         humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place and day.
@@ -99,83 +83,66 @@ class Mission:
         Of the case-1 water [mg m-3].
     depth, reflectance : float
         Of the object [m], [1].
-    sensor : Sensor
-    bands : tuple of str
-        Bands to use; all if empty.
-    slopes : str
-        One of `deglint.physics.slopes.MODELS`.
-    sky : str
-        One of `deglint.physics.sky.SKY_MODELS`.
+    sensor, bands : Sensor, tuple of str
+        The sensor, and those of its bands to use; all if empty.
+    slopes, sky : str
+        One of `deglint.physics.slopes.MODELS`, and one of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
         Model of the light of the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
     limits : Limits
     step, widest : float
         Step between viewing geometries, and the largest zenith angle of the sensor [degree].
-
-    Raises
-    ------
-    InputError
-        A value is out of the range of its model, or the sun is down.
     """
 
-    latitude: float | None = None
-    longitude: float | None = None
-    time: Any = None
-    sun_zenith: float | None = None
-    sun_azimuth: float | None = None
-    wind: float = 5.0
-    wind_from: float = 0.0
-    wind_height: float = 10.0
+    # file: table and key in a mission file
+    latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
+    longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
+    time: Any = field(default=None, metadata={"file": "place.time"})
+    sun_zenith: float | None = ranged(None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.",
+                                      file="sun.zenith")  # fmt: skip
+    sun_azimuth: float | None = ranged(None, -360, 360, "degrees", "Give an azimuth from north.", file="sun.azimuth")
+    wind: float = field(default=5.0, metadata={"file": "wind.speed"})
+    wind_from: float = ranged(0.0, -360, 360, "degrees", "Give where it blows from, from north.", file="wind.from")
+    wind_height: float = ranged(10.0, 1, 100, "m", "Give the height of the mast.", file="wind.height")
     air: Air | None = None
-    chlorophyll: float = 0.5
-    depth: float = 5.0
-    reflectance: float = 0.15
+    chlorophyll: float = ranged(0.5, 0.01, 30, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.",
+                                file="water.chlorophyll")  # fmt: skip
+    depth: float = ranged(5.0, 0, 1000, "m", "Give metres below the surface, positive down.", file="object.depth")
+    reflectance: float = ranged(0.15, 0, 1, "", "Give a share, not per cent.", file="object.reflectance")
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
     bands: tuple[str, ...] = ()
-    slopes: str = "cox-munk"
-    sky: str = "harrison-coombes"
-    water: Literal["scattering", "absorption"] = "scattering"
+    slopes: str = one_of("cox-munk", slopes.MODELS, file="models.slopes")
+    sky: str = one_of("harrison-coombes", SKIES, file="models.sky")
+    water: Literal["scattering", "absorption"] = one_of("scattering", WATERS, file="water.model")
     limits: Limits = field(default_factory=Limits)
-    step: float = 1.0
-    widest: float = 80.0
+    step: float = ranged(1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.",
+                         file="view.step")  # fmt: skip
+    widest: float = ranged(80.0, 10, 85, "degrees", "Nearer to the horizon waves hide each other.", file="view.widest")
 
     def __post_init__(self) -> None:
-        choice("slopes", self.slopes, slopes.MODELS)
-        choice("sky", self.sky, SKIES)
-        choice("water", self.water, WATERS)
-        within("wind_height", self.wind_height, 1.0, 100.0, "m", "Give the height of the mast.")
-        within("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
-        within("wind_from", self.wind_from, -360.0, 360.0, "degrees", "Give where it blows from, from north.")
-        within("depth", self.depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
-        within("reflectance", self.reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
-        within("chlorophyll", self.chlorophyll, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
-        within("step", self.step, 0.25, 10.0, "degrees", "1 is usual; memory grows with its inverse square.")
-        within("widest", self.widest, 10.0, 85.0, "degrees", "Nearer to the horizon waves hide each other.")
-        _finite(self)
-        self._check_sun()
+        super().__post_init__()
+        check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
         for name in self.bands:
             self.sensor.band(name)
-
-    def _check_sun(self) -> None:
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
             raise InputError("sun_zenith and sun_azimuth go together; give both, or place and time.")
-        if self.sun_zenith is not None:
-            within("sun_zenith", self.sun_zenith, 0.0, SUN_LIMIT, "degrees", "The sun is down; choose another time.")
-            return
+        if self.sun_zenith is None:
+            self._check_place()
+
+    def _check_place(self) -> None:
         if self.place is None:
             raise InputError(
                 "where the sun stands is not known: give latitude and longitude (--lat and --lon, or --place), or the "
                 "angles of the sun (--sun)."
             )
-        coordinates(*self.place)
         if self.sun[0] > SUN_LIMIT:
-            high, rise = 90.0 - self.sun[0], sun.next_rise(*self.place, self.moment)
-            what = "below the horizon ({:.1f} degrees)" if high < 0 else "too low ({:.1f} degrees; 1 is needed)"
-            where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
+            rise = sun.next_rise(*self.place, self.moment)
             remedy = f"It rises at {str(rise)[:16]}Z: choose a later time."
             if np.isnat(rise):
                 remedy = "It does not rise within a day; choose another date."
-            raise InputError(f"the sun is {what.format(high)} at {where}. {remedy}")
+            what = f"{'below the horizon' if self.sun[0] > 90.0 else 'too low'} ({90 - self.sun[0]:.1f} degrees)"
+            where = f"{self.moment}Z, latitude {self.latitude:g}, longitude {self.longitude:g}"
+            raise InputError(f"the sun is {what} at {where}. {remedy}")
 
     @property
     def place(self) -> tuple[float, float] | None:
@@ -236,29 +203,14 @@ class Mission:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the validity of the plan."""
-        out = []
-        if self.wind > MEASURED_WIND:
-            out.append(f"wind {self.wind:g} m/s: slopes were measured up to {MEASURED_WIND:g} m/s; foam is left out.")
-        if self.wind < 1.0:
-            out.append(f"wind {self.wind:g} m/s: slopes were measured from 1 m/s on; swell is left out.")
-        if self.sun[0] > 75.0:
-            out.append(
-                f"sun {90 - self.sun[0]:.0f} degrees high: the light in the water is that of a sun at 15 degrees."
-            )
-        return tuple(out)
-
-    def at(self, time: Any) -> Mission:
-        """The same mission at another time, with the sun of that time."""
-        return replace(self, time=time, sun_zenith=None, sun_azimuth=None)
+        wind, high = f"wind {self.wind:g} m/s: slopes were measured", 90 - self.sun[0]
+        known = {
+            f"{wind} up to {MEASURED_WIND:g} m/s; foam is left out.": self.wind > MEASURED_WIND,
+            f"{wind} from 1 m/s on; swell is left out.": self.wind < 1.0,
+            f"sun {high:.0f} degrees high: the light in the water is that of a sun at 15 degrees.": high < 15.0,
+        }
+        return tuple(text for text, holds in known.items() if holds)
 
     def coarse(self) -> Mission:
         """The same mission with a step between viewing geometries of at least `COARSE_STEP`."""
         return replace(self, step=max(self.step, COARSE_STEP))
-
-
-def _finite(mission: Mission) -> None:
-    """Raise InputError on NaN or infinite values, which range checks do not find."""
-    groups = (vars(group).items() for group in (mission, mission.limits, mission.air) if group is not None)
-    for name, value in chain.from_iterable(groups):
-        if isinstance(value, float) and not np.isfinite(value):
-            raise InputError(f"{name} must be a finite number, got {value}; give one.")

@@ -24,7 +24,7 @@ _HOW = (
 )
 
 
-def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to look from") -> Image:
+def picture(plan: Reticle, *, band: str | None = None) -> Image:
     """Draw a plan of all bands together, or of one band.
 
     Raises BandError: there is no such band.
@@ -42,14 +42,13 @@ def picture(plan: Reticle, *, band: str | None = None, title: str = "Where to lo
     )
     expects = "" if geometry is None else quality(geometry)
     top = float((plan.combined if band is None else plan.by_band[plan.index(band)]).max())
-    words = Caption(title, f"Map: contrast over noise, {shown}", sentence(geometry), expects, legend, top)
+    words = Caption(f"Map: contrast over noise, {shown}", sentence(geometry), expects, legend, top)
     return page(plan, contrast / max(top, 1e-9), patterns, geometry, words)
 
 
 class Caption(NamedTuple):
     """Text beside a disc."""
 
-    title: str
     shows: str  # what the map shows
     what: str  # the best viewing geometry
     expects: str  # what to expect of it
@@ -71,7 +70,8 @@ def page(
     if geometry is not None:
         _best(canvas, plan.mission.widest, geometry)
     y = _words(canvas, plan, words)
-    y = _table(canvas, plan, geometry, y)
+    if geometry is not None:
+        y = _table(canvas, plan, geometry, y)
     _legend(canvas, words, y)
     _foot(canvas, plan)
     return canvas.finished()
@@ -184,11 +184,11 @@ def star(canvas: Canvas, at: Point, size: float) -> None:
 
 
 def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
-    canvas.text((_LEFT, 24), words.title, 26)
+    canvas.text((_LEFT, 24), "Where to look from", 26)
     start = canvas.lines((_LEFT, 62.0), [*conditions(plan.mission), words.shows], 15, 21, GREY) + 8
-    y = canvas.paragraph((_LEFT + 14, start), words.what, 20, _COLUMN, 27)
+    y = canvas.lines((_LEFT + 14, start), [words.what], 20, 27, width=_COLUMN)
     if words.expects:
-        y = canvas.paragraph((_LEFT + 14, y), words.expects, 15, _COLUMN, 20)
+        y = canvas.lines((_LEFT + 14, y), [words.expects], 15, 20, width=_COLUMN)
     canvas.box(_LEFT, start, 4, y - start, MAGENTA)
     return y + 16
 
@@ -212,9 +212,7 @@ def place_words(mission: Mission) -> str:
     return f"{abs(latitude):.2f}° {'NS'[latitude < 0]}  {abs(longitude):.2f}° {'EW'[longitude < 0]}"
 
 
-def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry | None, y: float) -> float:
-    if geometry is None:
-        return y
+def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry, y: float) -> float:
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     edges = (_LEFT + 120, _LEFT + 192, _LEFT + 262, _LEFT + 340)
     for x, head in zip(edges, ("nm", "x noise", "Weber", "sky glint"), strict=True):
@@ -241,8 +239,8 @@ def _legend(canvas: Canvas, words: Caption, y: float) -> None:
         y = row + 44
     for pattern, colour, text in words.legend:
         draw.swatch(canvas, _LEFT, y, pattern, colour)
-        y = canvas.paragraph((_LEFT + 38, y + 9), text, 13, WIDTH - _LEFT - 56, 18, anchor="lm") - 2
-    canvas.paragraph((_LEFT, y + 8), _HOW, 13, _COLUMN, 18, GREY)
+        y = canvas.lines((_LEFT + 38, y + 9), [text], 13, 18, width=WIDTH - _LEFT - 56, anchor="lm") - 2
+    canvas.lines((_LEFT, y + 8), [_HOW], 13, 18, GREY, width=_COLUMN)
 
 
 def _foot(canvas: Canvas, plan: Reticle) -> None:
@@ -250,6 +248,6 @@ def _foot(canvas: Canvas, plan: Reticle) -> None:
     target = f"Object {100 * mission.reflectance:g} % reflectance at {mission.depth:g} m"
     water = f"chlorophyll {mission.chlorophyll:g} mg/m3; visibility {mission.weather.visibility:g} km"
     said = [f"{target}; {water}; sensor {mission.sensor.name}.", *mission.cautions]
-    lines = [line for text in said for line in draw.wrapped(text, 13, _COLUMN)]
-    canvas.lines((_LEFT, HEIGHT - 24 - 18 * len(lines)), lines, 13, 18, GREY)
+    down = 18 * sum(len(draw.wrapped(text, 13, _COLUMN)) for text in said)
+    canvas.lines((_LEFT, HEIGHT - 24 - down), said, 13, 18, GREY, width=_COLUMN)
     canvas.line([(_LEFT - 24, 24), (_LEFT - 24, HEIGHT - 24)], PALE, 1)

@@ -7,7 +7,6 @@ for seconds on a busy machine.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -16,26 +15,39 @@ import numpy.typing as npt
 
 from ..errors import BandError
 from ..physics import atmosphere, glint, sun, water
+from ..physics._checks import Floats
+from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, electrons, noise_equivalent_radiance
 from .mission import Mission
-from .skylight import skylight
+from .skylight import Skylight
 
-Array = npt.NDArray[np.floating[Any]]
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
 class Light:
-    """Mean light in each band: irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
+    """Mean light in each band, for viewing geometries on a grid of zenith angles and azimuths of the sensor [degree].
 
-    direct: Array  # irradiance of a level plane by the sun
-    diffuse: Array  # irradiance of a level plane by the sky
-    normal: Array  # irradiance of a plane that faces the sun, by the sun alone
-    background: Array  # radiance out of the deep water
-    target: Array  # radiance out of the water over the object
+    Irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]. Deep water follows Lee et al.
+    (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70 degrees); the object follows
+    `water.submerged_reflectance` or `water.absorption_only_reflectance`.
+    """
+
+    def __init__(self, mission: Mission, zenith: Floats, azimuth: Floats) -> None:
+        wavelength, mean = band_means(mission.channels)
+        sun_zenith, sun_azimuth = mission.sun
+        direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
+        self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a level plane by the sun, by the sky
+        self.normal = self.direct / np.cos(np.radians(sun_zenith))  # of a plane that faces the sun, by the sun alone
+        sea = case1(wavelength, mission.chlorophyll)
+        terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
+        angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
+        # radiance out of the deep water, and out of the water over the object
+        self.background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
+        kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
+        self.target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
+        self.target += mean(shine * (direct + diffuse)[:, None])[..., None]
 
 
-@dataclass(frozen=True, eq=False)
 class Reticle:
     """Radiances, contrasts and masks for every viewing geometry.
 
@@ -43,11 +55,10 @@ class Reticle:
 
     Attributes
     ----------
-    mission : Mission
+    mission, light : Mission, Light
+        What was asked for; irradiances, and water-leaving radiances.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
-    light : Light
-        Irradiances, and water-leaving radiances.
     glint_probability : ndarray
         Share of the sea that reflects the solar disk, or the tolerance around its centre [1].
     glint_strength : ndarray
@@ -56,29 +67,42 @@ class Reticle:
         Reflected skylight per diffuse irradiance [1/sr].
     sky_probability : (band, ...) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
-    weber : (band, ...) ndarray
-        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1].
-    snr : (band, ...) ndarray
-        Absolute difference over the noise-equivalent radiance [1].
+    weber, snr : (band, ...) ndarray
+        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1]; absolute difference
+        over the noise-equivalent radiance [1].
     clear_of_glint : bool ndarray
         Mask of sun glint, True where the viewing geometry is good.
     clear_of_sky, detectable : (band, ...) bool ndarray
         Masks of reflected sky, and of contrast above the noise without saturation; True where it is good.
     """
 
-    mission: Mission
-    zenith: Array
-    azimuth: Array
-    light: Light = field(repr=False)
-    glint_probability: Array = field(repr=False)
-    glint_strength: Array = field(repr=False)
-    sky_strength: Array = field(repr=False)
-    sky_probability: Array = field(repr=False)
-    weber: Array = field(repr=False)
-    snr: Array = field(repr=False)
-    clear_of_glint: Mask = field(repr=False)
-    clear_of_sky: Mask = field(repr=False)
-    detectable: Mask = field(repr=False)
+    def __init__(self, mission: Mission) -> None:
+        self.mission, limits, wind = mission, mission.limits, mission.slope_wind
+        self.zenith, self.azimuth = viewing_geometries(mission)
+        self.light = light = Light(mission, self.zenith, self.azimuth)
+        disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
+        spark = glint.sun_glint(
+            *mission.sun, self.zenith[:, None], self.azimuth,
+            wind=wind.speed, wind_from=wind.blows_from, model=wind.model, solid_angle=disk,
+        )  # fmt: skip
+        self.glint_probability, self.glint_strength = np.minimum(spark.probability, 1.0), spark.radiance
+        self.clear_of_glint: Mask = spark.radiance <= limits.glint
+        if limits.glint_probability is not None:
+            self.clear_of_glint &= spark.probability <= limits.glint_probability
+        mirrored = Skylight(self.zenith, self.azimuth, mission.sun, wind, model=mission.sky)
+        self.sky_strength = mirrored.mean
+        ratio = (limits.sky_ratio / light.diffuse)[:, None, None] * light.background
+        self.sky_probability = mirrored.share_above(ratio)
+        self.clear_of_sky: Mask = self.sky_probability <= limits.sky_probability
+        rest = self.glint_radiance + self.sky_radiance
+        self.weber = light.target / light.background - 1.0
+        self.snr = np.abs(light.target - light.background) / _noise(mission, light.background + rest)
+        brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
+        below = np.maximum(light.background, light.target) + rest < brightest
+        self.detectable: Mask = (self.snr > limits.snr) & below
+
+    def __repr__(self) -> str:
+        return f"Reticle({self.mission!r})"
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -88,10 +112,7 @@ class Reticle:
     def index(self, band: str) -> int:
         """Index of a band in the layers.
 
-        Raises
-        ------
-        BandError
-            There is no such band, or it is not selected in this mission.
+        Raises BandError: there is no such band, or it is not selected in this mission.
         """
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
@@ -103,22 +124,22 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     @property
-    def glint_radiance(self) -> Array:
+    def glint_radiance(self) -> Floats:
         """Glint radiance of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
 
     @property
-    def sky_radiance(self) -> Array:
+    def sky_radiance(self) -> Floats:
         """Reflected skylight of each band [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
 
     @cached_property
-    def by_band(self) -> Array:
+    def by_band(self) -> Floats:
         """Combined map of each band: contrast over noise, 0 where excluded by any mask (thesis, 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
     @cached_property
-    def combined(self) -> Array:
+    def combined(self) -> Floats:
         """Combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
@@ -127,7 +148,7 @@ class Reticle:
         """Viewing geometries from which no band is usable."""
         return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
-    def counts(self) -> dict[str, Array]:
+    def counts(self) -> dict[str, Floats]:
         """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
@@ -146,11 +167,6 @@ def reticle(mission: Mission) -> Reticle:
     Reticle
         Zenith angles 0 to `mission.widest`, azimuths 0 to 360, in steps of `mission.step`.
 
-    Raises
-    ------
-    InputError
-        A value is out of the range of a model.
-
     References
     ----------
     Fink (2014), "Glint avoidance and removal in the maritime environment", Rochester Institute of Technology,
@@ -163,66 +179,15 @@ def reticle(mission: Mission) -> Reticle:
     >>> float(plan.glint_strength[0, 0].round(5))
     0.01571
     """
-    limits, wind = mission.limits, mission.slope_wind
-    zenith, azimuth = viewing_geometries(mission)
-    seen = light(mission, zenith, azimuth)
-    disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
-    spark = glint.sun_glint(
-        *mission.sun, zenith[:, None], azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
-        solid_angle=disk,
-    )  # fmt: skip
-    mirrored = skylight(zenith, azimuth, mission.sun, wind, model=mission.sky)
-    ratio = (limits.sky_ratio / seen.diffuse)[:, None, None] * seen.background
-    sky_probability = mirrored.share_above(ratio)
-    rest = seen.normal[:, None, None] * spark.radiance + seen.diffuse[:, None, None] * mirrored.mean
-    snr = np.abs(seen.target - seen.background) / _noise(mission, seen.background + rest)
-    brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
-    clear = spark.radiance <= limits.glint
-    if limits.glint_probability is not None:
-        clear &= spark.probability <= limits.glint_probability
-    return Reticle(
-        mission=mission,
-        zenith=zenith,
-        azimuth=azimuth,
-        light=seen,
-        glint_probability=np.minimum(spark.probability, 1.0),
-        glint_strength=spark.radiance,
-        sky_strength=mirrored.mean,
-        sky_probability=sky_probability,
-        weber=seen.target / seen.background - 1.0,
-        snr=snr,
-        clear_of_glint=clear,
-        clear_of_sky=sky_probability <= limits.sky_probability,
-        detectable=(snr > limits.snr) & (np.maximum(seen.background, seen.target) + rest < brightest),
-    )
+    return Reticle(mission)
 
 
-def light(mission: Mission, zenith: Array, azimuth: Array) -> Light:
-    """Light for all viewing geometries of a grid of zenith angles and azimuths of the sensor [degree].
-
-    Deep water follows Lee et al. (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70
-    degrees); the object follows `water.submerged_reflectance` or `water.absorption_only_reflectance`.
-    """
-    wavelength, mean = band_means(mission.channels)
-    sun_zenith, sun_azimuth = mission.sun
-    direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
-    sea = water.case1(wavelength, mission.chlorophyll)
-    terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
-    angular = water.lee_2011_grid(sun_zenith, zenith, azimuth - sun_azimuth)
-    background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
-    kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
-    target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
-    target += mean(shine * (direct + diffuse)[:, None])[..., None]
-    level = mean(direct)
-    return Light(level, mean(diffuse), level / np.cos(np.radians(sun_zenith)), background, target)
-
-
-def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: Array) -> tuple[Array, Array]:
+def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Fraction of the deep-water light that comes from above the object, and light of the object itself.
 
     Both are (wavelength, zenith).
     """
-    column = water.Iops(*(np.asarray(part)[:, None] for part in sea))
+    column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
     given: dict[str, Any] = {"depth": mission.depth, "direct_fraction": direct_fraction[:, None]}
     if mission.water == "absorption":
@@ -233,14 +198,13 @@ def _through(mission: Mission, sea: water.Iops, zenith: Array, direct_fraction: 
     return kept, water.submerged_reflectance(column, 0.0, *angles, reflectance=albedo, **given)
 
 
-def viewing_geometries(mission: Mission) -> tuple[Array, Array]:
+def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
     """Zenith angles and azimuths of the viewing geometries of a mission [degree]."""
-    down = round(mission.widest / mission.step)
-    around = round(360.0 / mission.step)
-    return np.linspace(0.0, mission.widest, max(down, 1) + 1), np.linspace(0.0, 360.0, around + 1)
+    down, around = round(mission.widest / mission.step), round(360.0 / mission.step)
+    return np.linspace(0.0, mission.widest, down + 1), np.linspace(0.0, 360.0, around + 1)
 
 
-def _noise(mission: Mission, radiance: Array) -> Array:
+def _noise(mission: Mission, radiance: Floats) -> Floats:
     """Noise-equivalent radiance of each band at a radiance [W m-2 sr-1 nm-1]."""
     if mission.limits.ner is not None:
         return np.full((len(radiance), 1, 1), mission.limits.ner)

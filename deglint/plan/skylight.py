@@ -8,15 +8,13 @@ that reflect the sea instead of the sky do not contribute.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..physics import fresnel, sky, slopes
-
-Array = npt.NDArray[np.floating[Any]]
+from ..physics._checks import Floats
 
 ZENITHS, AZIMUTHS = 21, 36
 """Number of zenith angles and azimuths at which the facets are summed."""
@@ -26,8 +24,7 @@ LEVELS = np.geomspace(2e-3, 2.0, 120)
 """Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
 
 
-@dataclass(frozen=True)
-class Wind:
+class Wind(NamedTuple):
     """Wind for the slope model: speed at its reference height [m/s], azimuth it blows from [degree], model."""
 
     speed: float
@@ -35,14 +32,26 @@ class Wind:
     model: str
 
 
-@dataclass(frozen=True, eq=False)
 class Skylight:
-    """Reflected skylight at viewing geometries."""
+    """Reflected skylight for zenith angles and azimuths of the sensor; `sun` is a zenith angle and an azimuth [degree].
 
-    mean: Array  # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
-    brighter: Array  # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
+    under a clear sky in strong wind.
+    """
 
-    def share_above(self, level: Array) -> Array:
+    def __init__(
+        self, zenith: Floats, azimuth: Floats, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
+    ) -> None:
+        nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
+        around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
+        mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
+        down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
+        # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
+        self.mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
+        # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+        self.brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
+
+    def share_above(self, level: Floats) -> Floats:
         """Share of the sea whose facets reflect more than `level` [1/sr]; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
@@ -56,26 +65,9 @@ class Skylight:
         return np.asarray(below + (above - below) * part.reshape(below.shape)).reshape(level.shape)
 
 
-def skylight(
-    zenith: Array, azimuth: Array, sun: tuple[float, float], wind: Wind, *, model: str = "uniform"
-) -> Skylight:
-    """Reflected skylight for zenith angles and azimuths of the sensor [degree]; `sun` is a zenith angle and an azimuth.
-
-    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
-    under a clear sky in strong wind.
-    """
-    nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
-    around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
-    mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
-    down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
-    mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
-    brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
-    return Skylight(mean, brighter)
-
-
 def _carried(
-    values: Array, place: Array, axis: int, weights: Callable[[Array], tuple[Array, ...]], *, periodic: bool = False
-) -> Array:
+    values: Floats, place: Floats, axis: int, weights: Callable[[Floats], tuple[Floats, ...]], *, periodic: bool = False
+) -> Floats:
     """Interpolate values at equal steps along an axis to positions in units of steps.
 
     Written without BLAS, whose threads block each other on a busy machine.
@@ -91,19 +83,19 @@ def _carried(
     )
 
 
-def _cubic(x: Array) -> tuple[Array, ...]:
+def _cubic(x: Floats) -> tuple[Floats, ...]:
     """Weights of the nodes 0 to 3 for a position x, by cubic interpolation."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
-def _linear(x: Array) -> tuple[Array, ...]:
+def _linear(x: Floats) -> tuple[Floats, ...]:
     """Weights of the nodes 0 and 1: linear interpolation keeps shares monotonic in the level."""
     return 1.0 - x, x
 
 
 def _summed(
-    zeniths: Array, turns: Array, sun: tuple[float, float], wind: Wind, model: str
+    zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths are relative to the wind."""
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
@@ -130,9 +122,7 @@ def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
 
 
 class _Facets:
-    """Facets of a sea: upwind and crosswind slope, weight (share of the sea's area / cos(tilt)), vertical part of the
-    normal.
-    """
+    """Facets of a sea: slopes, weight (share of the sea's area / cos(tilt)), vertical part of the normal."""
 
     def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
@@ -147,8 +137,8 @@ class _Facets:
         self.step = float(np.sqrt(area))
 
     def seen(
-        self, zenith: float, turns: Array, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
-    ) -> tuple[Array, Array]:
+        self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
+    ) -> tuple[Floats, Floats]:
         """Share of the sea as seen by the sensor, and reflected radiance [1/sr]; (azimuth, facet)."""
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
@@ -166,7 +156,7 @@ class _Facets:
         return weight, light
 
 
-def _counted(weight: Array, light: Array) -> npt.NDArray[Any]:
+def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
     """Histogram of weights (geometry, facet) over the levels (geometry, level), each split between adjacent levels."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))

@@ -13,11 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import glint, sun
-from ..physics._checks import within
+from ..physics._checks import Checked, Floats, ranged
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
-
-Array = npt.NDArray[np.floating[Any]]
 
 EARTH_RADIUS = 6_371_000.0
 """Mean radius of the Earth [m]."""
@@ -37,31 +35,38 @@ GAIN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class FieldOfView:
+class FieldOfView(Checked):
     """Field of view of a sensor, of one image or of a scan line, and its tilt."""
 
-    across: float = 40.0  # full angle across the track [degree]
-    along: float = 0.0  # full angle along the track; 0 is a line scanner [degree]
-    pitch: float = 0.0  # how far its middle looks forward [degree]
-    roll: float = 0.0  # how far its middle looks to the right [degree]
-    altitude: float = 300.0  # above the sea [m]; the Earth is round, which matters to satellites
-
-    def __post_init__(self) -> None:
-        within("field of view", [self.across, self.along], 0.0, 160.0, "degrees", "Give the full angle.")
-        within("pitch and roll", [self.pitch, self.roll], -80.0, 80.0, "degrees", "0 looks straight down.")
-        within("altitude", self.altitude, 1.0, 4e7, "m", "Give metres above the sea.")
+    across: float = ranged(40.0, 0.0, 160.0, "degrees", "Give the full angle across the track.")
+    along: float = ranged(0.0, 0.0, 160.0, "degrees", "Give the full angle along the track; 0 is a line scanner.")
+    pitch: float = ranged(0.0, -80.0, 80.0, "degrees", "Give how far its middle looks forward; 0 is straight down.")
+    roll: float = ranged(0.0, -80.0, 80.0, "degrees", "Give how far its middle looks to the right.")
+    altitude: float = ranged(300.0, 1.0, 4e7, "m", "Give metres above the sea: the Earth is round.")
 
 
-@dataclass(frozen=True, eq=False)
 class Line:
-    """Glint on flight lines of every heading [degree]."""
+    """Glint over the field of view on flight lines, for headings [degree], by default every 5 degrees.
 
-    view: FieldOfView
-    heading: Array
-    fraction: Array  # share of the field of view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
-    mean: Array  # mean glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
-    across: Array  # angles across the track, right positive, (across,) [degree]
-    profile: Array  # largest glint along the track at each angle across, (heading, across) [1/sr]
+    Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
+    """
+
+    def __init__(self, mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> None:
+        self.view = view
+        self.heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, float))
+        zenith, azimuth = viewing_geometries(view, self.heading)
+        seen, wind = zenith < glint.VIEW_LIMIT, mission.slope_wind
+        strength = glint.sun_glint(
+            *mission.sun, np.where(seen, zenith, 0.0), azimuth,
+            wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
+        ).radiance  # fmt: skip
+        kept = np.where(seen, strength, 0.0)
+        # share of the view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
+        self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))
+        self.mean = kept.mean(axis=(1, 2))  # glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
+        self.across = np.linspace(-0.5, 0.5, _ACROSS) * view.across  # angles across the track, right positive [degree]
+        # largest glint along the track at each angle across, (heading, across) [1/sr]
+        self.profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
 
     @property
     def best(self) -> int:
@@ -103,7 +108,7 @@ class Line:
         return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
 
-def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array, Array]:
+def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Viewing geometries of the points in the field of view, for a heading [degree].
 
     Returns zenith angles and azimuths, (..., along, across) [degree]; NaN where a ray misses the Earth.
@@ -120,26 +125,6 @@ def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Array
     zenith = np.degrees(np.arcsin(np.where((sine <= 1.0) & (down > 0.0), sine, np.nan)))
     towards = np.degrees(np.arctan2(right, ahead)) + np.asarray(heading, np.float64)[..., None, None]
     return np.broadcast_to(zenith, towards.shape), (towards + 180.0) % 360.0
-
-
-def flight_line(mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> Line:
-    """Glint over the field of view for headings [degree], by default every 5 degrees.
-
-    Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
-    """
-    heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, np.float64))
-    zenith, azimuth = viewing_geometries(view, heading)
-    seen = zenith < glint.VIEW_LIMIT
-    wind = mission.slope_wind
-    above = np.where(seen, zenith, 0.0)
-    strength = glint.sun_glint(
-        *mission.sun, above, azimuth, wind=wind.speed, wind_from=wind.blows_from, model=wind.model
-    ).radiance
-    spoilt = ~seen | (strength > mission.limits.glint)
-    kept = np.where(seen, strength, 0.0)
-    profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
-    across = np.linspace(-0.5, 0.5, _ACROSS) * view.across
-    return Line(view, heading, spoilt.mean(axis=(1, 2)), kept.mean(axis=(1, 2)), across, profile)
 
 
 @dataclass(frozen=True)
@@ -178,13 +163,13 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
     """The first alternative that is free of glint; else that with the least, if much less than the plan."""
-    least = None
+    found = []
     for one in tried:
         if one.fraction <= FREE:
             return one
-        if least is None or one.fraction < least.fraction:
-            least = one
-    return least if least is not None and least.fraction < GAIN * line.fraction[line.best] else None
+        found.append(one)
+    least = min(found, key=lambda one: one.fraction, default=None)
+    return least if least and least.fraction < GAIN * line.fraction[line.best] else None
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
@@ -195,7 +180,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
     when = mission.moment + np.stack([steps, -steps], axis=1).ravel() * np.timedelta64(60, "s")
     for time, zenith in zip(when, sun.position(*mission.place, when).zenith, strict=True):
         if zenith <= SUN_LIMIT:
-            yield _tried(mission.at(time), view, time)
+            yield _tried(replace(mission, time=time), view, time)
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
@@ -207,7 +192,7 @@ def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> Alternative:
-    line = flight_line(mission, view, HEADINGS)
+    line = Line(mission, view, HEADINGS)
     k = line.best
     return Alternative(float(line.heading[k]), float(line.fraction[k]), time, view.pitch, view.roll)
 

@@ -16,8 +16,6 @@ from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
 
-MOST_TIMES = 500
-"""Most times in a sweep."""
 DAYLIGHT = 15.0
 """Least solar elevation with enough light under water [degree]."""
 
@@ -36,18 +34,13 @@ class Moment:
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     """Times from start to end, both included.
 
-    Raises InputError: the end lies before the start, or there are more than `MOST_TIMES`.
+    Raises InputError: the end lies before the start.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
         raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
     step = np.timedelta64(round(60 * minutes), "s")
-    count = int((last - first) / step) + 1
-    if count > MOST_TIMES:
-        raise InputError(
-            f"a sweep has at most {MOST_TIMES} times, got {count}: give a longer --every, or a shorter span."
-        )
-    return [first + k * step for k in range(count)]
+    return [first + k * step for k in range(int((last - first) / step) + 1)]
 
 
 def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) -> np.datetime64:
@@ -57,8 +50,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 
 
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
-    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else the time of the highest sun of the
-    day.
+    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else that of the highest sun of the day.
 
     The search begins at `start`, by default now.
 

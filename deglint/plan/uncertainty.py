@@ -2,36 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..physics import slopes
 from ..physics._checks import within
 from .advice import ViewingGeometry, best_geometry, one_in, sentence
 from .mission import Mission
 from .missionfile import tables_of
-from .reticle import Reticle, reticle
-
-Array = npt.NDArray[np.floating[Any]]
+from .reticle import reticle
 
 SPEEDS, TURNS = 5, 7
 """Number of speeds and of directions in the interval, ends included."""
 
 
-@dataclass(frozen=True, eq=False)
 class WindEnsemble:
-    """A mission under all winds of an interval; pairs (2, zenith, azimuth) are the lowest and the highest value."""
+    """A mission under all winds of an interval; pairs (2, zenith, azimuth) are the lowest and the highest value.
 
-    middle: Reticle  # under the wind of the mission
-    winds: tuple[tuple[float, ...], tuple[float, ...]]  # speeds [m/s] and directions [degree] that were looked at
-    glint: Array  # pair of `Reticle.glint_strength`
-    glint_probability: Array  # pair of `Reticle.glint_probability`
-    contrast: Array  # pair of `Reticle.combined`
-    risk: Array  # share of the winds under which a viewing geometry is excluded, (zenith, azimuth) [1]
+    The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
+    plus or minus `turn` [degree], 180 for any direction.
+
+    Raises InputError: a value is out of range.
+    """
+
+    def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
+        within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
+        within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
+        self.speed, self.turn = speed, turn
+        low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
+        speeds = np.unique([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind])
+        turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
+        self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree] of the ensemble
+        coarse = mission.coarse()
+        self.middle = reticle(coarse)  # under the wind of the mission
+        plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*self.winds))
+        layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
+        *held, excluded = (np.array(layer) for layer in layers)
+        # pairs of these layers of `Reticle`
+        self.glint, self.glint_probability, self.contrast = (np.stack([v.min(axis=0), v.max(axis=0)]) for v in held)
+        self.risk = excluded.mean(axis=0)  # share of the winds that exclude a viewing geometry, (zenith, azimuth) [1]
 
     @property
     def best(self) -> ViewingGeometry | None:
@@ -43,28 +55,6 @@ class WindEnsemble:
         i, j = self.middle.nearest(geometry.zenith, geometry.azimuth)
         pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
-
-
-def wind_ensemble(mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> WindEnsemble:
-    """Compute a mission for all winds of an interval.
-
-    The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
-    plus or minus `turn` [degree], 180 for any direction.
-
-    Raises InputError: a value is out of range.
-    """
-    within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
-    within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
-    low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
-    speeds = np.unique(np.append(np.linspace(low, high, SPEEDS), mission.wind)) if speed else np.array([mission.wind])
-    turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-    winds = tuple(float(v) for v in speeds), tuple(float(v) for v in turns % 360.0)
-    coarse = mission.coarse()
-    plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*winds))
-    layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
-    *held, excluded = (np.array(layer) for layer in layers)
-    strength, share, contrast = (np.stack([layer.min(axis=0), layer.max(axis=0)]) for layer in held)
-    return WindEnsemble(reticle(coarse), winds, strength, share, contrast, excluded.mean(axis=0))
 
 
 def words(found: WindEnsemble) -> list[str]:
@@ -81,12 +71,12 @@ def words(found: WindEnsemble) -> list[str]:
     ]
 
 
-def numbers(found: WindEnsemble, *, speed: float, turn: float) -> dict[str, Any]:
+def numbers(found: WindEnsemble) -> dict[str, Any]:
     """The intervals as values for JSON, with the risk of glint of every viewing geometry."""
     geometry = found.best
     return {
         "mission": tables_of(found.middle.mission),
-        "wind_within": {"speed": speed, "turn": turn},
+        "wind_within": {"speed": found.speed, "turn": found.turn},
         "winds": {"speed": found.winds[0], "from": found.winds[1]},
         "best": None if geometry is None else asdict(geometry) | {"intervals": found.at(geometry)},
         "words": " ".join(words(found)),

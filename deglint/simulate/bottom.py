@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import choice, within
+from ..physics._checks import Checked, Floats, choice, ranged
 from .materials import SPECTRA
-
-Array = npt.NDArray[np.floating[Any]]
 
 LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
 """Range of depths of a bottom [m]; light from greater depths is negligible."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bottom:
+class Bottom(Checked):
     """A bottom that rises from the left to the right edge of the image.
 
     Attributes
@@ -33,24 +30,19 @@ class Bottom:
         Standard deviation of the depth about this profile [m], with features of the size `patch`.
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
-    share : float
-        Share of the ground covered by patches, 0 to 1.
-    patch : float
-        Size of the patches [m].
+    share, patch : float
+        Share of the ground covered by patches, 0 to 1, and their size [m].
     """
 
-    depth: tuple[float, float] = (25.0, 3.0)
+    depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
     edge: tuple[float, float] | None = None
-    roughness: float = 0.0
+    roughness: float = ranged(0.0, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
     materials: tuple[str, str] = ("sand", "algae")
-    share: float = 0.4
-    patch: float = 8.0
+    share: float = ranged(0.4, 0.0, 1.0, "", "Give a share, not per cent.")
+    patch: float = ranged(8.0, 1e-2, 1e5, "m", "Give the size of a patch.")
 
     def __post_init__(self) -> None:
-        within("depth of the bottom", self.depth, LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
-        within("roughness", self.roughness, 0.0, 20.0, "m", "It is a standard deviation of the depth.")
-        within("share of patches", self.share, 0.0, 1.0, "", "Give a share, not per cent.")
-        within("patch", self.patch, 1e-2, 1e5, "m", "Give the size of a patch.")
+        super().__post_init__()
         if self.edge is not None and not self.edge[1] > 0:
             raise InputError(f"edge must have a width above 0 m, got {self.edge[1]:g}; give (middle, width) [m]")
         for name in self.materials:
@@ -59,7 +51,7 @@ class Bottom:
 
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Depth [m] float32, and mask of the second material, on a grid (row, column) of a spacing [m].
 
     Halfway between the right edge of the image, which is `width` wide [m], and the end of the grid, the depth returns
@@ -77,14 +69,12 @@ def depth_and_patches(
     depth = bottom.depth[0] + (bottom.depth[1] - bottom.depth[0]) * rise
     depth = depth + bottom.roughness * smooth_noise(shape, spacing, bottom.patch, rough)
     depth = np.clip(depth, LEAST_DEPTH, MOST_DEPTH).astype(np.float32)
-    if bottom.share == 0:
-        return depth, np.zeros(shape, np.bool_)
     field = smooth_noise(shape, spacing, bottom.patch, patchy)
     field = field + 0.3 * smooth_noise(shape, spacing, 0.2 * bottom.patch, patchy.spawn(1)[0])
     return depth, field > np.quantile(field, 1.0 - bottom.share)
 
 
-def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Array:
+def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Floats:
     """Gaussian noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32; periodic.
 
     White noise, smoothed by a Gaussian with a standard deviation of a third of the size.

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import choice, within
+from ..physics._checks import Checked, one_of, ranged
 from .bottom import smooth_noise
 from .materials import SPECTRA
 
 if TYPE_CHECKING:
     from .setup import Setup
 
-Array = npt.NDArray[np.floating[Any]]
-Labels = npt.NDArray[np.uint8]
+Labels = npt.NDArray[np.unsignedinteger[Any]]
 
 WATER, LAND, FOAM, TARGET = range(4)
 """Values of the cover raster."""
@@ -32,7 +31,7 @@ BASE = ("", "vegetation", "rock", "foam")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FloatingTarget:
+class FloatingTarget(Checked):
     """A floating boat, swimmer or buoy that moves in a straight line.
 
     Attributes
@@ -41,37 +40,20 @@ class FloatingTarget:
         Position of its centre at the time of the first band, from the upper left corner of the image [m].
     length, width : float
         Size of the hull [m].
-    speed : float
-        Speed [m/s].
-    heading : float
-        Azimuth of its bow and of its motion [degree], clockwise from north; north is up.
-    material : str
-        See `deglint.simulate.materials.SPECTRA`.
-    wake : float
-        Length of its wake of foam [m].
+    speed, heading : float
+        Speed [m/s], and azimuth of its bow and of its motion [degree], clockwise from north; north is up.
+    material, wake : str, float
+        See `deglint.simulate.materials.SPECTRA`; length of its wake of foam [m].
     """
 
     right: float
     down: float
-    length: float = 8.0
-    width: float = 2.5
-    speed: float = 0.0
-    heading: float = 0.0
-    material: str = "paint"
-    wake: float = 0.0
-
-    def __post_init__(self) -> None:
-        within("length and width", [self.length, self.width], 0.05, 500.0, "m", "Give the size of the hull.")
-        within("speed", self.speed, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
-        within("heading", self.heading, -360.0, 360.0, "degrees", "Give an azimuth from north.")
-        within("wake", self.wake, 0.0, 5000.0, "m", "Give its length.")
-        choice("material", self.material, SPECTRA)
-
-    def place(self, time: float) -> tuple[float, float]:
-        """Position of its centre, right and down [m], after a time [s]."""
-        azimuth = np.radians(self.heading)
-        way = self.speed * time
-        return self.right + way * float(np.sin(azimuth)), self.down - way * float(np.cos(azimuth))
+    length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
+    width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
+    speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
+    heading: float = ranged(0.0, -360.0, 360.0, "degrees", "Give an azimuth from north.")
+    material: str = one_of("paint", SPECTRA)
+    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
 
 
 class Cover:
@@ -81,7 +63,7 @@ class Cover:
         shape = setup.fine_grid
         self.setup = setup
         self.materials = (*BASE, *(target.material for target in setup.targets))
-        self._fixed = np.zeros(shape, np.uint8)
+        self._fixed = np.zeros(shape, np.uint16)
         land, foam, self._speckle = np.random.SeedSequence(setup.seed, spawn_key=(4,)).spawn(3)
         if setup.foam > 0:
             field = smooth_noise(shape, setup.facet, 6 * FOAM_PATCH, foam.spawn(1)[0])
@@ -99,7 +81,7 @@ class Cover:
         kind = np.where(smooth_noise(shape, setup.facet, LAND_PATCH, patches) > 0, 1, 2)
         # the grid repeats: its last columns lie beside the left edge of the image, where there is water
         end = 0.5 * (width + shape[1] * setup.facet)
-        np.copyto(self._fixed, kind.astype(np.uint8), where=(right > shore) & (right < end))
+        np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
         """Index into `materials` of each facet at a time [s], (row, column); 0 is open water."""
@@ -110,7 +92,8 @@ class Cover:
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
         """Draw a hull with a pointed bow, and its wake: foam that becomes thinner and wider behind the stern."""
-        facet, right, down = self.setup.facet, *target.place(time)
+        facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
+        right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake
         rows, columns = (
             slice(max(int((middle - reach) / facet), 0), max(min(int((middle + reach) / facet) + 1, count), 0))
@@ -121,7 +104,6 @@ class Cover:
             return
         north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
         east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
-        azimuth = np.radians(target.heading)
         along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target
         across = east * np.cos(azimuth) - north * np.sin(azimuth)  # and to its starboard
         half = 0.5 * target.width

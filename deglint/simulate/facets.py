@@ -8,38 +8,51 @@ depend on the band, except through its time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..physics import fresnel, glint, sky, slopes
+from ..physics._checks import Floats
 from ..physics.spectra import dispersion
-from ..physics.surface import Surface, by_rows, normals, realise
+from ..physics.surface import by_rows, normals, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
-
-Array = npt.NDArray[np.floating[Any]]
 
 LEAST_SLOPE = 0.01
 """Least standard deviation of the slopes within a facet."""
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
 
 
-@dataclass(frozen=True, eq=False)
 class Facets:
-    """The facets of one scene; pairs are upwind and crosswind."""
+    """The facets of one scene, drawn at random; pairs are upwind and crosswind.
 
-    setup: Setup
-    surface: Surface  # the resolved waves
-    slope_scale: tuple[float, float]  # factors on the slopes of the grid, below 1 where these exceed what is measured
-    sparkle: tuple[float, float]  # variance of the slopes that unresolved waves give facets as a whole
-    unresolved: tuple[float, float]  # variance of the slopes about each facet
-    glinting_slope: tuple[float, float]  # of a facet that reflects the sun into the sensor
-    glint_factor: float  # glint radiance per slope density and irradiance facing the sun [1/sr]
-    _sparkle: tuple[Any, Any, Any]
-    _sky: Array
+    Notes
+    -----
+    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
+    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
+    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
+    of 25 cm: every facet contains most of the unresolved slopes.
+    """
+
+    def __init__(self, setup: Setup, *, workers: int = 1) -> None:
+        waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
+        self.setup = setup
+        self.surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
+        measured, resolved = np.asarray(setup.slope_variance), np.asarray(self.surface.slope_variance)
+        scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
+        unresolved = measured - scale**2 * resolved
+        about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
+        about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
+        self.slope_scale = _pair(scale)  # factors on the slopes of the grid, below 1 where they exceed what is measured
+        self.sparkle = _pair(unresolved - about)  # variance of the slopes that unresolved waves give facets as a whole
+        self.unresolved = _pair(about)  # variance of the slopes about each facet
+        facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
+        self.glinting_slope = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
+        # glint radiance per slope density and irradiance facing the sun [1/sr]
+        self.glint_factor = _glint_factor(setup, facet, self.glinting_slope)
+        self._sparkle = _draw_sparkle(setup, self.sparkle, sparkle, workers)
+        self._sky = _sky_table(setup, self.unresolved)
 
     @property
     def slope_variance(self) -> tuple[float, float]:
@@ -47,7 +60,7 @@ class Facets:
         up, cross = self.surface.slope_variance
         return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
-    def slopes(self, *, workers: int = 1) -> tuple[Array, Array]:
+    def slopes(self, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Resolved slopes towards east and north at the first time."""
         east, north = self.surface.slopes(workers=workers)
         if self.slope_scale == (1.0, 1.0):
@@ -55,7 +68,7 @@ class Facets:
         up, cross = slopes.to_wind_axes(east, north, self.setup.wind_from)
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
-    def at(self, time: float, *, workers: int = 1) -> tuple[Array, Array]:
+    def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Density of slopes at the glinting slope, and reflected sky per diffuse irradiance [1/sr], at a time [s].
 
         Both (row, column) float32; independent of the number of workers.
@@ -72,32 +85,7 @@ class Facets:
         return out
 
 
-def facets(setup: Setup, *, workers: int = 1) -> Facets:
-    """Draw random facets for a setup.
-
-    Notes
-    -----
-    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
-    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
-    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
-    of 25 cm: every facet contains most of the unresolved slopes.
-    """
-    waves, sparkle = np.random.SeedSequence(setup.seed).spawn(2)
-    surface = realise(setup.sea, shape=setup.fine_grid, spacing=setup.facet, seed=waves, workers=workers)
-    measured, resolved = np.asarray(setup.slope_variance), np.asarray(surface.slope_variance)
-    slope_scale = np.minimum(1.0, np.sqrt(RESOLVED_AT_MOST * measured / resolved))
-    unresolved = measured - slope_scale**2 * resolved
-    about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
-    about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
-    tilts = _pair(unresolved - about)
-    drawn = _draw_sparkle(setup, tilts, sparkle, workers)
-    facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
-    glinting = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
-    factor, table = _glint_factor(setup, facet, glinting), _sky_table(setup, _pair(about))
-    return Facets(setup, surface, _pair(slope_scale), tilts, _pair(about), glinting, factor, drawn, table)
-
-
-def _pair(values: Array | tuple[Array, Array]) -> tuple[float, float]:
+def _pair(values: Floats | tuple[Floats, Floats]) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
@@ -129,7 +117,7 @@ def _draw_sparkle(
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 
-def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Array:
+def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Floats:
     """Angular frequencies with equal shares of the slope variance that facets of a size [m] do not resolve [rad/s]."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
@@ -144,7 +132,7 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
     return float(factor * series / plain) if plain > 0 else 0.0
 
 
-def _sky_table(setup: Setup, about: tuple[float, float]) -> Array:
+def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
     """Sky radiance reflected by a facet, by its upwind and crosswind slope, per diffuse irradiance [1/sr].
 
     Weighted by the visible share of a facet, and smoothed over the slopes within it.

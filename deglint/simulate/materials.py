@@ -7,14 +7,10 @@ as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import choice
-
-Array = npt.NDArray[np.floating[Any]]
+from ..physics._checks import Floats
 
 WAVELENGTHS = (400, 450, 500, 550, 600, 650, 700, 750, 850, 1000)
 """Wavelengths of the columns of `SPECTRA` [nm]."""
@@ -32,15 +28,12 @@ SPECTRA = {
 """Reflectance [1] by material."""
 
 
-def reflectance(name: str, wavelength: npt.ArrayLike) -> Array:
+def reflectance(name: str, wavelength: npt.ArrayLike) -> Floats:
     """Reflectance of a material [1] at wavelengths [nm].
-
-    Raises InputError: there is no such material; the message lists them.
 
     Examples
     --------
     >>> reflectance("sand", [475.0, 900.0]).round(3).tolist()
     [0.26, 0.457]
     """
-    choice("material", name, SPECTRA)
     return np.asarray(np.interp(np.asarray(wavelength, np.float64), WAVELENGTHS, SPECTRA[name]))

@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..physics._checks import within
+from ..physics._checks import Checked, ranged
 
 Labels = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SubmergedObject:
+class SubmergedObject(Checked):
     """A flat matt (Lambertian) object under water.
 
     Attributes
     ----------
     corners : tuple of (float, float)
         Outline: distances to the right of and below the upper left corner of the image [m].
-    reflectance : float
-        0 to 1, the same at all wavelengths.
-    depth : float
-        Below the surface [m].
+    reflectance, depth : float
+        0 to 1, the same at all wavelengths; below the surface [m].
     """
 
     corners: tuple[tuple[float, float], ...]
-    reflectance: float
-    depth: float = 5.0
+    reflectance: float = ranged(MISSING, 0.0, 1.0, "", "Ten per cent is 0.1.")
+    depth: float = ranged(5.0, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
 
     def __post_init__(self) -> None:
-        within("reflectance", self.reflectance, 0.0, 1.0, "", "Ten per cent is 0.1.")
-        within("depth", self.depth, 0.1, 60.0, "m", "Deeper, nothing of it comes back.")
+        super().__post_init__()
         if len(self.corners) < 3:
             raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 
@@ -74,25 +71,18 @@ def thesis_array(
     sides: Sequence[float] | None = None,
     depth: float = 5.0,
 ) -> tuple[SubmergedObject, ...]:
-    """Squares of several reflectances and sizes on the right half of a scene; the left stays deep water.
+    """Squares of several reflectances and sizes, row by row, on the right half of a scene; the left stays deep water.
 
     Parameters
     ----------
-    size : (int, int)
-        Rows and columns of the image [pixel].
-    gsd : float
-        Of the image [m].
+    size, gsd : (int, int), float
+        Rows and columns of the image [pixel], and their step [m].
     reflectances : sequence of float
         One column of squares each.
     sides : sequence of float
         One row of squares each [pixel], repeated down the scene; those of 2, 4, 8 and 16 that fit by default.
     depth : float
         [m]
-
-    Returns
-    -------
-    tuple of SubmergedObject
-        Row by row.
 
     Examples
     --------
@@ -105,12 +95,6 @@ def thesis_array(
         sides = [s for s in (2, 4, 8, 16) if s <= 0.8 * min(across, rows / 4)] or [2]
     count = max(len(sides), rows // 64)
     down = rows / count
-    room = 0.8 * min(across, down)
-    if max(sides) > room:
-        raise InputError(
-            f"sides must be at most {room:.3g} pixels in a scene of {rows} x {columns}, got {max(sides):g};"
-            " enlarge the scene, or give smaller sides"
-        )
     return tuple(
         square((columns / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, sides[i % len(sides)] * gsd,
                reflectance=reflectance, depth=depth)

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
 from ..physics.surface import by_rows
-from .artefacts import compress, resample, stripe
+from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .bottom import depth_and_patches
 from .cover import Cover
-from .facets import Facets, facets
-from .light import Light, light, matt
+from .facets import Facets
+from .light import Light
 from .objects import label
 from .setup import Setup, check_one_sea
 
-Array = npt.NDArray[np.floating[Any]]
 Numbers = npt.NDArray[np.integer[Any]]
 Progress = Callable[[int, int], object]
 
@@ -64,23 +64,25 @@ class SimulatedScene:
     setup: Setup
     light: Light = field(repr=False)
     image: Numbers = field(repr=False)
-    truth: Array = field(repr=False)
+    truth: Floats = field(repr=False)
     truth_image: Numbers = field(repr=False)
-    glint: Array = field(repr=False)
+    glint: Floats = field(repr=False)
     glint_mask: npt.NDArray[np.bool_] = field(repr=False)
     objects: Numbers = field(repr=False)
-    height: Array | None = field(repr=False)
-    slopes: Array | None = field(repr=False)
+    height: Floats | None = field(repr=False)
+    slopes: Floats | None = field(repr=False)
     resolved_slope_variance: tuple[float, float]
-    truth_water: Array = field(repr=False)
+    truth_water: Floats = field(repr=False)
     cover: Numbers | None = field(repr=False, default=None)
-    depth: Array | None = field(repr=False, default=None)
+    depth: Floats | None = field(repr=False, default=None)
 
 
 def simulate(
     setup: Setup, *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
 ) -> SimulatedScene:
     """Simulate a scene.
+
+    Raises InputError: the grid cannot hold the waves, or a value lies outside the range of a model.
 
     Parameters
     ----------
@@ -97,11 +99,6 @@ def simulate(
     -------
     SimulatedScene
         The same to the bit for the same setup.
-
-    Raises
-    ------
-    InputError
-        The grid cannot hold the waves, or a value lies outside the range of a model.
 
     Notes
     -----
@@ -123,6 +120,8 @@ def simulate_together(
 ) -> tuple[SimulatedScene, ...]:
     """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 
+    Raises InputError: as `simulate`; setups that are not of one sea.
+
     Parameters
     ----------
     setups : sequence of Setup
@@ -135,11 +134,6 @@ def simulate_together(
     -------
     tuple of SimulatedScene
         Each the same to the bit as `simulate` of its setup.
-
-    Raises
-    ------
-    InputError
-        As `simulate`; setups that are not of one sea.
 
     Notes
     -----
@@ -156,66 +150,46 @@ def simulate_together(
     check_one_sea(setups)
     # how fast sparkle changes is drawn only where something moves
     moving = max(setups, key=lambda s: max(s.times))
-    sea, world = facets(moving, workers=workers), _World.of(moving)
-    shape = len(moving.sensor.bands), *moving.size
-    parts = []
-    for setup in setups:
-        own = np.empty((2, *shape), np.float32)
-        seen = np.empty_like(own) if setup.artefacts.resampling else own
-        parts.append(_Parts(own, seen, np.empty(shape, np.float32)))
-    done, total = 0, len(setups) * shape[0]
+    sea, world = Facets(moving, workers=workers), _World(moving)
+    shots = [_Shot(setup, workers) for setup in setups]
+    done, total = 0, len(setups) * len(moving.sensor.bands)
     for time in sorted({t for s in setups for t in s.times}):
-        for _ in _add_bands(parts, setups, world, sea, time, workers):
+        for _ in _add_bands(shots, world, sea, time, workers):
             done += 1
             if progress:
                 progress(done, total)
     surface = _surface(sea, workers) if keep_surface else (None, None)
-    return tuple(
-        _finished(setup, world, part, surface, sea.slope_variance, workers)
-        for setup, part in zip(setups, parts, strict=True)
-    )
+    return tuple(shot.finished(world, surface, sea.slope_variance) for shot in shots)
 
 
-@dataclass(frozen=True, eq=False)
 class _World:
     """Bottom, objects and surface cover of a setup, on the facets, and the light."""
 
-    setup: Setup
-    lit: Light
-    labels: Numbers  # number of the submerged object, from 1
-    depth: Array | None
-    patches: npt.NDArray[np.bool_] | None  # where the second material of the bottom lies
-    cover: Cover | None
-    matt: Array  # radiance of the materials of the cover, (material, band)
-
-    @classmethod
-    def of(cls, setup: Setup) -> _World:
+    def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
-        labels: Numbers = np.broadcast_to(np.uint16(0), shape)
-        if setup.objects:
-            labels = label(setup.objects, shape, setup.facet)
-        depth, patches = None, None
+        self.setup, self.lit = setup, Light(setup)
+        self.labels: Numbers = label(setup.objects, shape, setup.facet)  # number of the submerged object, from 1
+        self.depth: Floats | None = None
         if setup.bottom is not None:
-            seed = np.random.SeedSequence(setup.seed, spawn_key=(3,))
-            width = setup.size[1] * setup.sensor.gsd
-            depth, patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
-            buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[labels] > depth
-            labels = np.where(buried, np.uint16(0), labels)
-        cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
-        lit = light(setup)
-        radiances = matt(lit, setup, cover.materials) if cover else np.zeros((0, 0))
-        return cls(setup, lit, labels, depth, patches, cover, radiances)
+            seed, width = np.random.SeedSequence(setup.seed, spawn_key=(3,)), setup.size[1] * setup.sensor.gsd
+            # patches: where the second material of the bottom lies
+            self.depth, self.patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
+            buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[self.labels] > self.depth
+            self.labels = np.where(buried, np.uint16(0), self.labels)
+        self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
+        # radiance of the materials of the cover, (material, band)
+        self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     @property
     def is_plain(self) -> bool:
         """The water is the same everywhere."""
         return not self.setup.objects and self.depth is None and self.cover is None
 
-    def leaving(self, band: int, cover: Numbers | None) -> Array:
+    def leaving(self, band: int, cover: Numbers | None) -> Floats:
         """Radiance out of the water, or of what lies on it, of each facet (row, column) float32."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
-        if self.depth is not None and self.patches is not None:
+        if self.depth is not None:
             ground, patch = (np.interp(self.depth, lit.depths, table) for table in lit.bottom[:, :, band])
             np.copyto(out, np.where(self.patches, patch, ground), where=self.labels == 0, casting="same_kind")
         if cover is not None:
@@ -228,38 +202,65 @@ class _World:
         return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
 
 
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """Radiances of one scene: truth and glint, on the map and on the grid of the sensor before resampling; water."""
+class _Shot:
+    """A scene in the making: radiances of the water, of the truth and of the glint, (band, row, column) float32."""
 
-    own: Array  # (truth or glint, band, row, column) float32
-    seen: Array  # the same, where the sensor sees them
-    water: Array  # (band, row, column) float32
+    def __init__(self, setup: Setup, workers: int) -> None:
+        self.setup, self.workers = setup, workers
+        self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
+        self.own = np.empty((2, *self.water.shape), np.float32)  # truth and glint
+        self.seen, self.shift = self.own, 0.0  # the same on the grid of the sensor, and where that lies [pixel]
+        if setup.artefacts.resampling:
+            self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
+
+    def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
+        """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
+        setup = self.setup
+        down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
+        wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
+        factor, workers = setup.supersample, self.workers
+        seen = observe(spectrum, setup.sensor, wavelength, factor=factor, shift=shift, workers=workers)
+        return seen[: setup.size[0], : setup.size[1]]
+
+    def digitised(self, radiance: Floats) -> Numbers:
+        """Digital numbers with artefacts; noise is from a seed of each band, the same for image and truth."""
+        setup, sensor, artefacts = self.setup, self.setup.sensor, self.setup.artefacts
+        seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
+        gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
+        out = np.empty(radiance.shape, np.uint16)
+
+        def draw(first: int, last: int) -> None:
+            for i in range(first, last):
+                generator = np.random.default_rng(seeds[i])
+                striped = stripe(radiance[i], artefacts.striping, gains[i])
+                out[i] = digitise(striped, sensor, sensor.bands[i], generator=generator)
+                if artefacts.resampling:
+                    out[i] = resample(out[i], artefacts.resampling, sensor.levels)
+                if artefacts.jpeg:
+                    out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
+
+        by_rows(draw, len(radiance), self.workers)
+        return out
+
+    def finished(
+        self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
+    ) -> SimulatedScene:
+        """The scene, once all bands are there."""
+        setup, (truth, glint) = self.setup, self.own
+        image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
+        ids, cover = world.on_pixels(world.labels), None
+        if world.cover is not None:
+            seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
+            cover = np.stack([seen[t] for t in setup.times])
+            ids[(cover > 0).any(axis=0)] = 0
+        depth = None if world.depth is None else world.on_pixels(world.depth)
+        mask = glint > setup.glint_threshold * truth
+        return SimulatedScene(
+            setup, world.lit, image, truth, truth_image, glint, mask, ids, *surface, variance, self.water, cover, depth
+        )
 
 
-def _finished(
-    setup: Setup, world: _World, parts: _Parts, surface: tuple[Array | None, Array | None],
-    variance: tuple[float, float], workers: int,
-) -> SimulatedScene:  # fmt: skip
-    truth, glint = parts.own
-    image = _digitise(setup, parts.seen[0] + parts.seen[1], workers)
-    truth_image = _digitise(setup, parts.seen[0], workers)
-    ids = world.on_pixels(world.labels)
-    cover = None
-    if world.cover is not None:
-        seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
-        cover = np.stack([seen[t] for t in setup.times])
-        ids[(cover > 0).any(axis=0)] = 0
-    depth = None if world.depth is None else world.on_pixels(world.depth)
-    mask = glint > setup.glint_threshold * truth
-    return SimulatedScene(
-        setup, world.lit, image, truth, truth_image, glint, mask, ids, *surface, variance, parts.water, cover, depth
-    )
-
-
-def _add_bands(
-    parts: Sequence[_Parts], setups: Sequence[Setup], world: _World, sea: Facets, time: float, workers: int
-) -> Iterator[None]:
+def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
     """Fill in the bands that see the sea at one time, and yield after each."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
@@ -269,7 +270,7 @@ def _add_bands(
     del density
     lit = world.lit
     for i in range(len(lit.water)):
-        looking = [n for n, s in enumerate(setups) if s.times[i] == time]
+        looking = [shot for shot in shots if shot.setup.times[i] == time]
         if not looking:
             continue
         spectrum, factor, level = sky_spectrum, lit.diffuse[i], lit.water[i]
@@ -277,48 +278,18 @@ def _add_bands(
             both = world.leaving(i, cover)
             both += np.float32(factor) * mirrored
             spectrum, factor, level = transform(both, workers=workers), 1.0, 0.0
-        for n in looking:
-            setup, part = setups[n], parts[n]
-            sun = lit.normal[i] * sea.glint_factor
-            for off, (truth, glint) in {0.0: part.own, setup.artefacts.shift: part.seen}.items():
-                truth[i] = level + factor * _pixels(spectrum, setup, i, workers, off)
-                glint[i] = np.maximum(sun * _pixels(density_spectrum, setup, i, workers, off), 0.0)
-            part.water[i] = lit.water[i]
+        sun = lit.normal[i] * sea.glint_factor
+        for shot in looking:
+            for off, (truth, glint) in {0.0: shot.own, shot.shift: shot.seen}.items():
+                truth[i] = level + factor * shot.pixels(spectrum, i, off)
+                glint[i] = np.maximum(sun * shot.pixels(density_spectrum, i, off), 0.0)
+            shot.water[i] = lit.water[i]
             if not world.is_plain:
-                part.water[i] = part.own[0, i] - lit.diffuse[i] * _pixels(sky_spectrum, setup, i, workers, 0.0)
+                shot.water[i] = shot.own[0, i] - lit.diffuse[i] * shot.pixels(sky_spectrum, i)
             yield
 
 
-def _pixels(spectrum: Any, setup: Setup, i: int, workers: int, off: float) -> Array:
-    """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
-    down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
-    wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
-    seen = observe(spectrum, setup.sensor, wavelength, factor=setup.supersample, shift=shift, workers=workers)
-    return seen[: setup.size[0], : setup.size[1]]
-
-
-def _digitise(setup: Setup, radiance: Array, workers: int) -> Numbers:
-    """Digital numbers with artefacts; a band draws its noise from a seed of its own, the same for image and truth."""
-    seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
-    gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
-    out = np.empty(radiance.shape, np.uint16)
-    sensor, artefacts = setup.sensor, setup.artefacts
-
-    def draw(first: int, last: int) -> None:
-        for i in range(first, last):
-            generator = np.random.default_rng(seeds[i])
-            striped = stripe(radiance[i], artefacts.striping, gains[i])
-            out[i] = digitise(striped, sensor, sensor.bands[i], generator=generator)
-            if artefacts.resampling:
-                out[i] = resample(out[i], artefacts.resampling, sensor.levels)
-            if artefacts.jpeg:
-                out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
-
-    by_rows(draw, len(radiance), workers)
-    return out
-
-
-def _surface(sea: Facets, workers: int) -> tuple[Array, Array]:
+def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
     """Height and slopes at the first time, mean over each pixel."""
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..errors import InputError
-from ..physics._checks import choice, within
+from ..physics._checks import Checked, one_of, ranged, within
 from ..physics.atmosphere import Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
@@ -32,8 +32,6 @@ RESOLVED_AT_MOST = 0.95
 """Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
 EDGE_MARGIN = 16
 """Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
-MOST_TARGETS = 250
-"""Floating targets of a scene; their labels are kept in 8 bits."""
 
 WINDS = (2.0, 5.0, 9.0, 12.0)
 """Winds of a grid of setups [m/s]."""
@@ -45,7 +43,7 @@ F_NUMBERS = (10.0, 30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
+class Setup(Checked):
     """Setup of a simulation.
 
     Attributes
@@ -54,10 +52,8 @@ class Setup:
         With its bands, their time offsets and the ground sampling distance.
     size : (int, int)
         Rows and columns of the image [pixel].
-    wind : float
-        At 10 m [m/s].
-    wind_from : float
-        Azimuth that it blows from [deg].
+    wind, wind_from : float
+        Speed at 10 m [m/s], and azimuth that it blows from [deg].
     spectrum, fetch, spreading, exponent, opposing
         Of the waves; see `deglint.physics.waves.Sea`.
     slopes : {"cox-munk", "cox-munk-gaussian"}
@@ -71,10 +67,8 @@ class Setup:
         State of the atmosphere; by default that of the thesis (humidity 80 %, visibility 40 km), this wind.
     chlorophyll : float
         Of the case-1 water [mg m-3].
-    objects : tuple of SubmergedObject
-        May be empty.
-    bottom : Bottom, optional
-        Of a shallow sea; by default the water is deep.
+    objects, bottom : tuple of SubmergedObject, Bottom, optional
+        What lies under water; by default it is deep and empty.
     coast : float
         Mean width of the land along the right edge [m]; 0 for none.
     foam : float
@@ -100,7 +94,7 @@ class Setup:
     """
 
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
-    size: tuple[int, int] = (512, 512)
+    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
     wind: float = 5.0
     wind_from: float = 30.0
     spectrum: Spectrum = "elfouhaily"
@@ -108,46 +102,31 @@ class Setup:
     spreading: Spreading | None = None
     exponent: float = 2.0
     opposing: float = 0.0
-    slopes: SlopeModel = "cox-munk"
-    sun_zenith: float = 40.0
-    sun_azimuth: float = 135.0
-    view_zenith: float = 0.0
-    view_azimuth: float = 0.0
-    sky: str = "cardioidal"
+    slopes: SlopeModel = one_of("cox-munk", get_args(SlopeModel))
+    sun_zenith: float = ranged(40.0, 0.0, 80.0, "degrees", "Choose another time of day.")
+    sun_azimuth: float = ranged(135.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
+    view_zenith: float = ranged(0.0, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
+    view_azimuth: float = ranged(0.0, -720.0, 720.0, "degrees", "Give an azimuth from north.")
+    sky: str = one_of("cardioidal", SKIES)
     air: Air | None = None
-    chlorophyll: float = 0.5
+    chlorophyll: float = ranged(0.5, 0.01, 30.0, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.")
     objects: tuple[SubmergedObject, ...] = ()
     bottom: Bottom | None = None
     coast: float = 0.0
-    foam: float = 0.0
+    foam: float = ranged(0.0, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
     targets: tuple[FloatingTarget, ...] = ()
-    supersample: int = 4
-    patch: float = 0.005
+    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.")
+    patch: float = ranged(0.005, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
     misregistration: tuple[tuple[float, float], ...] = ()
     artefacts: Artefacts = field(default_factory=Artefacts)
     glint_threshold: float = 0.25
     domain: float | None = None
-    seed: int = 0
+    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.")
 
     def __post_init__(self) -> None:
-        for name in ("wind", "wind_from", "sun_azimuth", "view_azimuth", "fetch", "patch", "chlorophyll"):
-            if not np.isfinite(getattr(self, name)):
-                raise InputError(f"{name} must be a finite number, got {getattr(self, name)}; give one")
-        within("seed", self.seed, 0, 2**63, "", "Any integer that is not negative will do.")
-        choice("slopes", self.slopes, get_args(SlopeModel))
-        choice("sky", self.sky, SKIES)
-        within("size", self.size, 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
-        within("sun_zenith", self.sun_zenith, 0.0, 80.0, "degrees", "Choose another time of day.")
-        within("view_zenith", self.view_zenith, 0.0, 70.0, "degrees", "Nearer to the horizon waves hide each other.")
-        within("supersample", self.supersample, 2, 32, "", "4 facets per pixel do for most scenes.")
-        within("patch", self.patch, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
+        super().__post_init__()
         height, width = (side * self.sensor.gsd for side in self.size)
         within("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
-        within("foam", self.foam, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
-        if len(self.targets) > MOST_TARGETS:
-            raise InputError(
-                f"targets must be at most {MOST_TARGETS}, got {len(self.targets)}; simulate several scenes"
-            )
         if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
             raise InputError(
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
@@ -155,10 +134,6 @@ class Setup:
             )
         for target in self.objects:
             target.check_inside(height, width)
-        self._check_facets()
-        self._check_delays()
-
-    def _check_facets(self) -> None:
         count = self.fine_grid[0] * self.fine_grid[1]
         if count > MOST_FACETS:
             raise InputError(
@@ -166,9 +141,8 @@ class Setup:
                 f" ({self.sea.peak_wavelength:.3g} m) take {self.grid[0]} x {self.grid[1]} pixels of"
                 f" {self.supersample} x {self.supersample}; lower size, supersample or wind"
             )
-
-    def _check_delays(self) -> None:
-        span, limit = max(self.times), self.extent / float(np.sqrt(9.81 / self.sea.peak_wavenumber))
+        extent = min(self.grid) * self.sensor.gsd
+        span, limit = max(self.times), extent / float(np.sqrt(9.81 / self.sea.peak_wavenumber))
         if span > limit:
             raise InputError(
                 f"time offsets of the bands must span at most {limit:.3g} s, in which the peak wave crosses"
@@ -190,11 +164,6 @@ class Setup:
     def fine_grid(self) -> tuple[int, int]:
         """Rows and columns of the sea that is simulated [facet]."""
         return self.grid[0] * self.supersample, self.grid[1] * self.supersample
-
-    @property
-    def extent(self) -> float:
-        """Shorter side of the sea that is simulated [m]."""
-        return min(self.grid) * self.sensor.gsd
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -237,14 +206,11 @@ class Setup:
 def check_one_sea(setups: Sequence[Setup]) -> None:
     """Check that setups differ in no more than optics, noise, artefacts and band delays.
 
-    Raises InputError: there is none, or two differ in something else; the message says in what.
+    Raises InputError: two differ in something else; the message says in what.
     """
-    if not setups:
-        raise InputError("setups must hold at least one, got none; give the scenes to simulate")
-    first = setups[0]
+    first, own = setups[0], {"sensor", "misregistration", "artefacts", "glint_threshold"}
+    names = [f.name for f in fields(Setup) if f.name not in own]
     for n, other in enumerate(setups[1:], start=2):
-        own = ("sensor", "misregistration", "artefacts", "glint_threshold")
-        names = [f.name for f in fields(Setup) if f.name not in own]
         unlike = [name for name in names if getattr(first, name) != getattr(other, name)]
         if [(b.low, b.high) for b in first.sensor.bands] != [(b.low, b.high) for b in other.sensor.bands]:
             unlike.append("bands of the sensor")
@@ -255,12 +221,7 @@ def check_one_sea(setups: Sequence[Setup]) -> None:
 
 
 def experiments(
-    base: Setup,
-    *,
-    winds: Sequence[float] = WINDS,
-    delays: Sequence[float] = DELAYS,
-    looks: Sequence[tuple[float, float]] = LOOKS,
-    f_numbers: Sequence[float] = F_NUMBERS,
+    base: Setup, *, winds: Sequence[float] = WINDS, delays: Sequence[float] = DELAYS
 ) -> Iterator[tuple[str, Setup]]:
     """Name and setup of every combination; the rest, and the sun, are those of `base`.
 
@@ -269,12 +230,12 @@ def experiments(
 
     Examples
     --------
-    >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06], looks=[(0.0, 0.0)])]
+    >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']
     """
-    for place, (wind, (zenith, turn)) in enumerate(product(winds, looks)):
+    for place, (wind, (zenith, turn)) in enumerate(product(winds, LOOKS)):
         azimuth, seed = (base.sun_azimuth + turn) % 360, base.seed + place
-        for delay, f_number in product(delays, f_numbers):
+        for delay, f_number in product(delays, F_NUMBERS):
             name = f"wind{wind:02g}_delay{1000 * delay:03.0f}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
             sensor = replace(base.sensor.delayed(delay), f_number=f_number)
             yield name, replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor)

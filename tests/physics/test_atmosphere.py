@@ -245,6 +245,7 @@ def test_ozone_climatology():
 @pytest.mark.parametrize(
     ("params", "message"),
     [
+        ({"humidity": np.nan}, "humidity must be a finite number"),
         ({"humidity": 101}, "humidity must be 0 to 100 %, got 101"),
         ({"pressure": 29.92}, "pressure must be 500 to 1100 hPa, got 29.92. One inch of mercury"),
         ({"air_mass_type": 0}, "air_mass_type must be 1 to 10"),

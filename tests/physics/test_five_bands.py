@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deglint.physics import atmosphere, glint, sky, water
+from deglint.physics.iops import case1
 
 PAPER = Path(__file__).parents[2].parent / "shared" / "tables" / "gregg_carder_1990_hydrolight_350_801.csv"
 BANDS = [(400, 450), (450, 510), (510, 580), (585, 625), (630, 690)]
@@ -44,10 +45,11 @@ def parts(look, band, spectrum=None):
     light = atmosphere.irradiance(wavelength, SUN[0], AIR, spectrum=spectrum and spectrum(wavelength))
     total = light.direct + light.diffuse
     view = LOOKS[look]
-    looks = (wavelength, 0.5, SUN[0], view[0], view[1] - SUN[1])
-    deep = np.mean(water.remote_sensing_reflectance(*looks) * total)
+    sea, angles = case1(wavelength, 0.5), (SUN[0], view[0])
+    alone = water.deep_reflectance(sea, *angles, view[1] - SUN[1])
+    deep = np.mean(alone * total)
     options = {"depth": 10.0, "reflectance": 0.15, "direct_fraction": light.direct / total}
-    bright = np.mean(water.object_reflectance(*looks, **options) * total)
+    bright = np.mean(water.submerged_reflectance(sea, alone, *angles, **options) * total)
     spark = glint.sun_glint(*SUN, *view, wind=9.0, wind_from=0.0).radiance
     mirrored = sky.reflectance(*view, *SUN, wind=9.0, wind_from=0.0)
     return {

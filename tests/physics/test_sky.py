@@ -9,11 +9,11 @@ from deglint.physics import fresnel, sky, slopes
 SUNS = st.floats(0, 89)
 
 
-def over_the_sky(model, sun_zenith, **options):
+def over_the_sky(model, sun_zenith):
     """Irradiance of a level plane, by midpoints in the zenith angle and the azimuth."""
     zenith = (np.arange(900)[:, None] + 0.5) / 10
     azimuth = (np.arange(720) + 0.5) / 2
-    light = sky.radiance(zenith, azimuth, sun_zenith, 70.0, model=model, **options)
+    light = sky.radiance(zenith, azimuth, sun_zenith, 70.0, model=model)
     area = np.cos(np.radians(zenith)) * np.sin(np.radians(zenith)) * np.radians(0.1) * np.radians(0.5)
     return np.sum(light * area)
 
@@ -22,16 +22,14 @@ def over_the_sky(model, sun_zenith, **options):
 @pytest.mark.parametrize("sun_zenith", [0.0, 20.5, 45.0, 63.0, 80.0, 90.0])
 def test_lights_a_level_plane_with_what_was_asked_for(model, sun_zenith):
     assert over_the_sky(model, sun_zenith) == pytest.approx(1, abs=1e-4)
-    assert over_the_sky(model, sun_zenith, diffuse=0.4) == pytest.approx(0.4, abs=4e-5)
 
 
-@pytest.mark.parametrize("contrast", [0.0, 1.25, 2.0])
-def test_cardioidal_contrast(contrast):
+def test_cardioidal_contrast():
     zenith = np.array([0.0, 60.0, 90.0])
-    light = sky.radiance(zenith, 0, model="cardioidal", contrast=contrast)
-    assert light[0] / light[2] == pytest.approx(1 + contrast)
-    assert light[1] / light[2] == pytest.approx(1 + contrast / 2)
-    assert over_the_sky("cardioidal", 30.0, contrast=contrast) == pytest.approx(1, abs=1e-5)
+    light = sky.radiance(zenith, 0, model="cardioidal")
+    assert light[0] / light[2] == pytest.approx(3)
+    assert light[1] / light[2] == pytest.approx(2)
+    assert over_the_sky("cardioidal", 30.0) == pytest.approx(1, abs=1e-5)
 
 
 @pytest.mark.parametrize(("sun_zenith", "expected"), [(0, 1.6524), (30, 1.7597), (60, 2.1578)])

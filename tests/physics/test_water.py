@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deglint.errors import InputError
-from deglint.physics import fresnel, water
+from deglint.physics import fresnel, iops, water
 
 TABLES = Path(__file__).parents[2].parent / "shared" / "tables"
 CHLOROPHYLL = np.array([0.03, 0.1, 0.25, 0.5, 1.0, 2.5])
@@ -17,6 +17,18 @@ def table(name):
     if not path.exists():
         pytest.skip(f"{name} does not lie beside the project")
     return np.genfromtxt(path, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
+
+
+def deep_water(wavelength, chlorophyll, *angles):
+    """Reflectance of deep case-1 water."""
+    return water.deep_reflectance(iops.case1(wavelength, chlorophyll), *angles)
+
+
+def over_object(wavelength, chlorophyll, sun, view, turn, **options):
+    """Reflectance over an object in case-1 water."""
+    sea = iops.case1(wavelength, chlorophyll)
+    deep = water.deep_reflectance(sea, sun, view, turn)
+    return water.submerged_reflectance(sea, deep, sun, view, **options)
 
 
 def rms(error):
@@ -35,7 +47,7 @@ def rms(error):
     ],
 )
 def test_properties_of_case_1_water(chlorophyll, wavelength, a, b_w, b_p, b_b):
-    found = water.case1(wavelength, chlorophyll)
+    found = iops.case1(wavelength, chlorophyll)
     assert found.absorption == pytest.approx(a, abs=6e-7)
     assert found.water_scattering == pytest.approx(b_w, abs=6e-7)
     assert found.particle_scattering == pytest.approx(b_p, abs=6e-6)
@@ -58,9 +70,9 @@ def test_properties_of_case_1_water(chlorophyll, wavelength, a, b_w, b_p, b_b):
     ],
 )
 def test_pure_sea_water(wavelength, a, b):
-    found = water.case1(wavelength, 0.01)
-    yellow = 0.2 * water.particle_absorption(440, 0.01) * np.exp(-0.014 * (wavelength - 440))
-    pure = found.absorption - water.particle_absorption(wavelength, 0.01) - yellow
+    found = iops.case1(wavelength, 0.01)
+    yellow = 0.2 * iops.particle_absorption(440, 0.01) * np.exp(-0.014 * (wavelength - 440))
+    pure = found.absorption - iops.particle_absorption(wavelength, 0.01) - yellow
     assert pure == pytest.approx(a, rel=2.5e-3)
     assert b is None or found.water_scattering == pytest.approx(b, rel=2.5e-3)
 
@@ -74,14 +86,14 @@ def test_pure_sea_water(wavelength, a, b):
     ],
 )
 def test_deep_water_from_above(wavelength, expected):
-    found = water.remote_sensing_reflectance(wavelength, CHLOROPHYLL, 30, 0, 0)
+    found = deep_water(wavelength, CHLOROPHYLL, 30, 0, 0)
     assert found == pytest.approx(np.array(expected), abs=5.1e-6)
 
 
 def test_coefficients_of_lee_2011():
     one = np.ones(1)
     found = [
-        float(water.lee_2011(water.Iops(a * one, 0 * one, 0 * one, w * one, p * one), 30, 0, 0)[0])
+        float(water.deep_reflectance(iops.Iops(a * one, 0 * one, 0 * one, w * one, p * one), 30, 0, 0)[0])
         for a, w, p in ((0.9, 0.1, 0.0), (0.8, 0.2, 0.0), (0.9, 0.0, 0.1), (0.8, 0.0, 0.2))
     ]
     g = (0.0588147, 0.0506270, 0.0399701, 0.1398902)
@@ -92,7 +104,7 @@ def test_coefficients_of_lee_2011():
 @pytest.mark.shared
 def test_deep_water_against_ecolight():
     rows = table("ecolight6_userdata_iop_rrs_sza30.csv")
-    given_water = water.Iops(*(rows[n] for n in ("a_total", "b_water", "b_other", "bb_water", "bb_other")))
+    given_water = iops.Iops(*(rows[n] for n in ("a_total", "b_water", "b_other", "bb_water", "bb_other")))
     truth = rows["Rrs_sr"]
     u = rows["bb_total"] / (rows["a_total"] + rows["bb_total"])
     lee_2011 = water.deep_reflectance(given_water, 30, 0, 0) / truth - 1
@@ -105,8 +117,8 @@ def test_deep_water_against_ecolight():
 def test_objects_against_monte_carlo():
     rows = table("mc_submerged_lambertian_reference.csv")
     looks = (rows["lam"], rows["chl"], 30, rows["theta_v"], rows["phi_v"])
-    deep = water.remote_sensing_reflectance(*looks)
-    found = water.object_reflectance(*looks, depth=rows["H"], reflectance=rows["rho"])
+    deep = deep_water(*looks)
+    found = over_object(*looks, depth=rows["H"], reflectance=rows["rho"])
     error = found / rows["Rrs_mc"] - 1
     assert len(error) == 288
     assert rms(error) < 0.015
@@ -128,7 +140,7 @@ def test_objects_against_monte_carlo():
 )
 def test_an_object_at_four_depths_against_monte_carlo(wavelength, view, expected):
     depths = np.array([2.0, 6.0, 10.0, 14.0, 1000.0])
-    found = water.object_reflectance(wavelength, 0.5, 30, view, 90, depth=depths, reflectance=0.15)
+    found = over_object(wavelength, 0.5, 30, view, 90, depth=depths, reflectance=0.15)
     assert found == pytest.approx(np.array(expected), rel=0.03)
 
 
@@ -138,14 +150,14 @@ WATERS = st.tuples(st.floats(350, 800), st.floats(0.02, 20))
 
 @given(WATERS, *ANGLES.values())
 def test_deep_below_is_no_object(looked_at, sun, view, turn):
-    deep = water.remote_sensing_reflectance(*looked_at, sun, view, turn)
-    found = water.object_reflectance(*looked_at, sun, view, turn, depth=1000, reflectance=0.5)
+    deep = deep_water(*looked_at, sun, view, turn)
+    found = over_object(*looked_at, sun, view, turn, depth=1000, reflectance=0.5)
     assert found == pytest.approx(float(deep), rel=1e-6)
 
 
 @given(WATERS, *ANGLES.values(), st.floats(0.05, 0.9), st.floats(0, 1))
 def test_at_the_surface_is_a_wet_panel(looked_at, sun, view, turn, albedo, direct):
-    found = water.object_reflectance(*looked_at, sun, view, turn, depth=0, reflectance=albedo, direct_fraction=direct)
+    found = over_object(*looked_at, sun, view, turn, depth=0, reflectance=albedo, direct_fraction=direct)
     entering = direct * (1 - fresnel.reflectance(sun)) + (1 - direct) * 0.934
     panel = entering * fresnel.radiance_transmittance(view) * albedo / np.pi / (1 - 0.48 * albedo)
     assert found == pytest.approx(float(panel), rel=1e-9)
@@ -153,50 +165,47 @@ def test_at_the_surface_is_a_wet_panel(looked_at, sun, view, turn, albedo, direc
 
 @given(WATERS, *ANGLES.values(), st.floats(0.1, 30))
 def test_brighter_objects_are_brighter(looked_at, sun, view, turn, depth):
-    found = [
-        water.object_reflectance(*looked_at, sun, view, turn, depth=depth, reflectance=r) for r in (0, 0.1, 0.5, 1)
-    ]
+    found = [over_object(*looked_at, sun, view, turn, depth=depth, reflectance=r) for r in (0, 0.1, 0.5, 1)]
     assert np.all(np.diff(found) >= 0)
     assert np.all(np.array(found) >= 0)
 
 
 @given(WATERS, *ANGLES.values())
 def test_left_and_right_of_the_sun_are_alike(looked_at, sun, view, turn):
-    here = water.remote_sensing_reflectance(*looked_at, sun, view, turn)
+    here = deep_water(*looked_at, sun, view, turn)
     for same in (-turn, turn + 360, 360 - turn):
-        assert water.remote_sensing_reflectance(*looked_at, sun, view, same) == pytest.approx(float(here), rel=1e-9)
+        assert deep_water(*looked_at, sun, view, same) == pytest.approx(float(here), rel=1e-9)
 
 
 @given(WATERS, ANGLES["turn"], ANGLES["turn"])
 def test_from_above_there_is_no_azimuth(looked_at, one, other):
-    here, there = (water.remote_sensing_reflectance(*looked_at, 45.0, 0.0, turn) for turn in (one, other))
+    here, there = (deep_water(*looked_at, 45.0, 0.0, turn) for turn in (one, other))
     assert here == pytest.approx(float(there), rel=1e-9)
 
 
 def test_molecules_shine_back_to_the_sun():
-    towards, away = water.remote_sensing_reflectance(443, 0.05, 45, 45, [0, 180])
+    towards, away = deep_water(443, 0.05, 45, 45, [0, 180])
     assert towards > 1.05 * away
 
 
 def test_outside_the_table_lee_1999_takes_over():
-    outside = water.remote_sensing_reflectance(490, 0.5, [30, 80, 30], [75, 30, 70], 90)
-    plain = water.remote_sensing_reflectance(490, 0.5, [30, 80, 30], [75, 30, 70], 90, model="lee-1999")
-    assert outside[:2] == pytest.approx(plain[:2], rel=1e-12)
-    inside = water.remote_sensing_reflectance(490, 0.5, 30, 70, 90, model="lee-2011")
-    assert outside[2] == pytest.approx(float(inside), rel=1e-12)
-    assert plain == pytest.approx(outside, rel=0.1)
-    with pytest.raises(InputError, match=r"view_zenith must be 0 to 70 degrees, got 75\. Beyond the table"):
-        water.remote_sensing_reflectance(490, 0.5, 30, 75, 90, model="lee-2011")
+    sea = iops.case1(490, 0.5)
+    found = water.deep_reflectance(sea, [30, 80, 30], [75, 30, 70], 90)
+    assert found[:2] == pytest.approx(float(water.lee_1999(sea)), rel=1e-12)
+    terms = np.stack(water.lee_2011_terms(sea))
+    assert found[2] == pytest.approx(float(water.lee_2011(30, 70, 90) @ terms), rel=1e-12)
+    np.testing.assert_array_equal(water.lee_2011(80, 75, 90), water.lee_2011(75, 70, 90))
+    assert found == pytest.approx(float(water.lee_1999(sea)), rel=0.1)
 
 
 def test_lee_1999_by_hand():
-    one = water.Iops(*(np.array(x) for x in (0.09, 0.0, 0.0, 0.004, 0.006)))
+    one = iops.Iops(*(np.array(x) for x in (0.09, 0.0, 0.0, 0.004, 0.006)))
     below = (0.084 + 0.170 * 0.1) * 0.1
     assert water.lee_1999(one) == pytest.approx(0.52 * below / (1 - 1.7 * below))
 
 
 def test_colours_follow_chlorophyll():
-    blue, green = (water.remote_sensing_reflectance(w, CHLOROPHYLL, 30, 0, 0) for w in (443, 555))
+    blue, green = (deep_water(w, CHLOROPHYLL, 30, 0, 0) for w in (443, 555))
     assert np.all(np.diff(blue) < 0)
     assert np.all(np.diff(green) > 0)
     assert np.all(np.diff(blue / green) < 0)
@@ -205,7 +214,7 @@ def test_colours_follow_chlorophyll():
 def test_broadcasts_and_keeps_nan():
     wavelength = np.array([450.0, 550.0, np.nan])[:, None, None]
     view = np.array([[0.0], [30.0], [np.nan], [80.0]])
-    found = water.object_reflectance(wavelength, 0.5, 30, view, [0, 90], depth=5, reflectance=0.1)
+    found = over_object(wavelength, 0.5, 30, view, [0, 90], depth=5, reflectance=0.1)
     assert found.shape == (3, 4, 2)
     expected = np.zeros((3, 4, 2), bool)
     expected[2] = expected[:, 2] = True
@@ -218,16 +227,15 @@ def test_broadcasts_and_keeps_nan():
         ({"depth": -1, "reflectance": 0.1}, "depth must be 0 to 1000 m, got -1. Give metres below"),
         ({"depth": 1, "reflectance": 15}, "reflectance must be 0 to 1, got 15. Give a share"),
         ({"depth": 1, "reflectance": 0.1, "direct_fraction": 2}, "direct_fraction must be 0 to 1"),
-        ({"depth": 1, "reflectance": 0.1, "model": "l11"}, "model must be one of auto, lee-2011, lee-1999"),
     ],
 )
 def test_refuses_impossible_objects(options, message):
     with pytest.raises(InputError, match=message):
-        water.object_reflectance(490, 0.5, 30, 0, 0, **options)
+        over_object(490, 0.5, 30, 0, 0, **options)
 
 
 def test_refuses_impossible_water():
     with pytest.raises(InputError, match=r"chlorophyll must be 0\.01 to 30 mg m-3, got 0"):
-        water.case1(490, 0.0)
+        iops.case1(490, 0.0)
     with pytest.raises(InputError, match="wavelength must be 300 to 1000 nm, got 1100"):
-        water.case1(1100, 0.5)
+        iops.case1(1100, 0.5)

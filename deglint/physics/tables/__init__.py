@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +20,8 @@ def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
 
 
 @cache
-def load(name: str) -> Mapping[str, npt.NDArray[np.float64]]:
-    """Columns of a table by name, read once and read-only.
-
-    Parameters
-    ----------
-    name : str
-        File without its ending, such as "sea_water".
+def load(name: str) -> dict[str, npt.NDArray[np.float64]]:
+    """Columns of a table by name, read once; `name` is that of the file without its ending.
 
     Examples
     --------
@@ -38,5 +31,4 @@ def load(name: str) -> Mapping[str, npt.NDArray[np.float64]]:
     text = resources.files(__name__).joinpath(f"{name}.csv").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     values = np.array([line.split(",") for line in lines[1:]], dtype=np.float64)
-    values.setflags(write=False)
-    return MappingProxyType(dict(zip(lines[0].split(","), values.T, strict=True)))
+    return dict(zip(lines[0].split(","), values.T, strict=True))
