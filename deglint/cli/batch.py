@@ -15,12 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..shown import shown
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import FILE, with_options
 from .remove import read_bytes, size
-from .running import printable
 
 if TYPE_CHECKING:
     from ..batch.jobs import Outcome
@@ -110,7 +108,7 @@ def summary(found: list[Any]) -> list[str]:
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
         why = o.reason or (f"{o.warnings} warning{'s' * (o.warnings > 1)}, see the sidecar" if o.warnings else "")
-        rows.append((printable(o.name), o.status, f"{o.seconds:.1f}", share, o.method, printable(why)))
+        rows.append((o.name, o.status, f"{o.seconds:.1f}", share, o.method, why))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
     counts = Counter(o.status for o in found)
@@ -156,7 +154,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(SUMMARY_COLUMNS)
-    rows.writerows([["" if v is None else shown(str(v)) for v in asdict(o).values()] for o in found])
+    rows.writerows([asdict(o).values() for o in found])
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 
