@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deglint.batch.jobs import read_order
+from deglint.batch import read_order
 from deglint.errors import InputError
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes

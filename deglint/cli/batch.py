@@ -21,7 +21,7 @@ from .options import FILE, with_options
 from .remove import read_bytes, size
 
 if TYPE_CHECKING:
-    from ..batch.jobs import Outcome
+    from ..batch import Outcome
 
 log = logging.getLogger(__name__)
 
@@ -73,8 +73,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.jobs import FAILED, TODO, read_order
-    from ..batch.run import run_batch
+    from ..batch import FAILED, TODO, read_order, run_batch
     from ..readers.scenes import list_scenes
 
     order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
@@ -97,7 +96,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         click.echo("\n".join(summary(found)))
         if given["dry_run"]:
             todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
-            click.echo(total_size(todo, order.opening()))
+            click.echo(total_size(todo, order.opening))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 
@@ -134,7 +133,7 @@ def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> st
 
 def _check_table(path: Path, reads: list[str]) -> None:
     """Check that the table replaces no file other than an older table."""
-    from ..batch.jobs import SUMMARY_COLUMNS
+    from ..batch import SUMMARY_COLUMNS
     from ..errors import WriteError
     from ..raster.targets import check_targets
 
@@ -147,7 +146,7 @@ def _check_table(path: Path, reads: list[str]) -> None:
 
 
 def _write_table(path: Path, found: list[Any]) -> None:
-    from ..batch.jobs import SUMMARY_COLUMNS
+    from ..batch import SUMMARY_COLUMNS
     from ..raster.output import write_text
     from ..raster.scratch import Scratch
 
