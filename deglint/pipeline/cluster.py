@@ -9,12 +9,12 @@ from __future__ import annotations
 import logging
 import re
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,7 @@ from ..tiles import Tile
 TILES_AHEAD = 3
 """Tiles per thread of a worker that are in progress, or finished and not fetched yet."""
 WORKER_PATIENCE = 60.0
-"""Time to wait for a worker if there is none [s]."""
-_POLL = 5.0
-_RECOUNT = 16
+"""Time after which a tile that is not done asks whether there is a worker at all [s]."""
 _CONNECT = 15.0
 _NO_WORKER = f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
 _KILLED = (
@@ -60,14 +58,14 @@ class Cluster:
         """
         import cloudpickle
 
-        shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        todo, waiting, most = iter(everything), deque[tuple[Tile, Any]](), 0
+        with _answering():
+            shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
+        todo, waiting = iter(everything), deque[tuple[Tile, Any]]()
         try:
             for done in range(len(everything)):
-                if done % _RECOUNT == 0:
-                    with _answering():
-                        most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while len(waiting) < most and (tile := next(todo, None)) is not None:
+                with _answering():  # workers come and go
+                    most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
+                for tile in islice(todo, max(most - len(waiting), 0)):
                     waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
                 tile, future = waiting.popleft()
                 yield tile, self._result(future)
@@ -81,23 +79,20 @@ class Cluster:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
-        without = time.monotonic()
-        while True:
-            try:
+        try:
+            while True:
                 with suppress(TimeoutError):
-                    return future.result(timeout=_POLL)
+                    return future.result(timeout=WORKER_PATIENCE)
                 if future.done():  # just now; or the work itself has run out of time
                     return future.result()
-                if self.client.nthreads():
-                    without = time.monotonic()
-            except DeglintError:
-                raise
-            except KilledWorker as error:
-                raise DeglintError(_KILLED) from error
-            except (FutureCancelledError, OSError) as error:
-                raise DeglintError(_LOST) from error
-            if time.monotonic() - without > WORKER_PATIENCE:
-                raise DeglintError(_NO_WORKER)
+                if not self.client.nthreads():
+                    raise DeglintError(_NO_WORKER)
+        except DeglintError:
+            raise
+        except KilledWorker as error:
+            raise DeglintError(_KILLED) from error
+        except (FutureCancelledError, OSError) as error:
+            raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
         """Peak memory of each worker process so far [byte]; empty if none was started."""
@@ -132,20 +127,18 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     >>> with connect(workers=4) as cluster:  # doctest: +SKIP
     ...     remove_glint("scene.tif", "clean.tif", cluster=cluster)
     """
-    if (address is None) == (workers is None):
-        raise InputError("want the address of a cluster or a number of workers, one of the two.")
-    if workers is not None and workers < 1:
-        raise InputError(f"workers: want at least 1, got {workers}.")
+    if (address is None) == (workers is None) or (workers is not None and workers < 1):
+        raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
     if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
         raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
+    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
+        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     try:
         import distributed  # noqa: F401
     except ModuleNotFoundError as error:
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
         ) from error
-    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
-        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):
         level = logging.CRITICAL if name in (".client", ".utils") else logging.ERROR
@@ -166,14 +159,12 @@ def _client(stack: ExitStack, address: str | None, workers: int | None, memory: 
         return stack.enter_context(Client(stack.enter_context(local), set_as_default=False, direct_to_workers=True))
     try:
         client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
+        client.wait_for_workers(1, timeout=_CONNECT)
     except (OSError, ValueError, TypeError) as error:
         raise DeglintError(
-            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
+            f"cannot reach a scheduler with workers at {address}. Start one with `dask scheduler`, workers with "
+            "`dask worker`, and name it as tcp://HOST:PORT."
         ) from error
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except TimeoutError as error:
-        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
     return client
 
 
