@@ -85,11 +85,10 @@ class Outputs:
 class PixelCounts:
     """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0.
 
-    Of copied tiles only the total is known. `glint` counts the pixels of each class of sun glint.
+    `glint` counts the pixels of each class of sun glint.
     """
 
     total: int = 0
-    copied: int = 0  # tiles
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
@@ -235,7 +234,7 @@ def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Content of the sidecar, as plain values."""
-    counted, by_band = not tally.copied, partial(tally.by_band, names=scene.names)
+    by_band = partial(tally.by_band, names=scene.names)
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -250,14 +249,14 @@ def sidecar(
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             "total": tally.total,
-            "nodata": tally.nodata if counted else None,
-            "not_water": tally.not_water if counted else None,
+            "nodata": tally.nodata,
+            "not_water": tally.not_water,
             "corrected": tally.corrected,
             "protected": tally.protected,
             "changed": {name: n for name, n in by_band("changed").items() if n},
             "replaced": by_band("replaced"),
             "negative_after": by_band("negative"),
-            "saturated_before": by_band("saturated") if counted else None,
+            "saturated_before": by_band("saturated"),
             "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
@@ -279,7 +278,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """Steps that were skipped, and why."""
-    out = {"pixels": "no band needs a correction: copied as they are, and not counted by kind"} if tally.copied else {}
+    out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
