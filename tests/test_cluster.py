@@ -272,4 +272,4 @@ def test_a_scheduler_that_is_lost_while_it_is_asked_is_one_line(lost_by):
             raise CommClosedError("ConnectionPool closing.")
 
     with pytest.raises(DeglintError, match="lost the cluster"):
-        Cluster(Client)._result(Future())
+        Cluster(Client())._result(Future())

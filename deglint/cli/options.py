@@ -167,5 +167,5 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
 
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
-        held = sorted(cluster.memory().values())
-        log.info(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")
+        held = cluster.memory().values()
+        log.info("%d workers, each held at most %.0f MB", len(held), max(held) / 1e6)

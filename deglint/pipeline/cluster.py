@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -37,14 +37,9 @@ _LOST = "lost the cluster: its scheduler does not answer any more. Start one, an
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Workers that process tiles; made by `connect`, started or connected when first needed."""
+    """Workers that process tiles; made by `connect`."""
 
-    start: Callable[[], Any]
-
-    @cached_property
-    def client(self) -> Any:
-        """The `distributed.Client`."""
-        return self.start()
+    client: Any  # the `distributed.Client`
 
     def run(
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
@@ -95,9 +90,9 @@ class Cluster:
             raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
-        """Peak memory of each worker process so far [byte]; empty if none was started."""
+        """Peak memory of each worker process so far [byte]."""
         with _answering():
-            return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+            return dict(self.client.run(_peak))
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the sidecar: number of workers, and the largest peak memory of one."""
@@ -134,38 +129,31 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
         raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     try:
-        import distributed  # noqa: F401
+        from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
         ) from error
     # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):
-        level = logging.CRITICAL if name in (".client", ".utils") else logging.ERROR
-        logging.getLogger(f"distributed{name}").setLevel(level)
+        logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
-        yield Cluster(partial(_client, stack, address, workers, memory))
-
-
-def _client(stack: ExitStack, address: str | None, workers: int | None, memory: str) -> Any:
-    """A client of a cluster, or of local processes that are started here; closed with the stack."""
-    from distributed import Client, LocalCluster
-
-    if workers is not None:
-        local = LocalCluster(
-            workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-            dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-        )  # fmt: skip
-        return stack.enter_context(Client(stack.enter_context(local), set_as_default=False, direct_to_workers=True))
-    try:
-        client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except (OSError, ValueError, TypeError) as error:
-        raise DeglintError(
-            f"cannot reach a scheduler with workers at {address}. Start one with `dask scheduler`, workers with "
-            "`dask worker`, and name it as tcp://HOST:PORT."
-        ) from error
-    return client
+        place: Any = address
+        if workers is not None:
+            place = LocalCluster(
+                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+            )  # fmt: skip
+            stack.enter_context(place)
+        try:
+            client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
+            stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)
+        except (OSError, ValueError, TypeError) as error:
+            raise DeglintError(
+                f"cannot reach a scheduler with workers at {address}. Start one with `dask scheduler`, workers with "
+                "`dask worker`, and name it as tcp://HOST:PORT."
+            ) from error
+        yield Cluster(client)
 
 
 @contextmanager
