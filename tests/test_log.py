@@ -21,7 +21,7 @@ def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
 
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.remove_glint(source, tmp_path / "out.tif", Recipe(method="hedley"), progress=progress)
-    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR: band 4 nir (840 nm)", "water: ", "compensation: ",
+    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR is band 4 nir (840 nm), nearest to 842 nm", "water: ", "compensation: ",
                   "sample: ", "method: hedley; bands to correct: blue, green, red"):  # fmt: skip
         assert any(line.startswith(begin) for line in at_work), begin
     after = caplog.messages[len(at_work) :]
@@ -44,7 +44,7 @@ def test_band_delays_are_logged(write, sea, tmp_path, caplog):
 
 @pytest.mark.parametrize(
     ("options", "shown", "hidden"),
-    [((), "NIR: band 4", "nearest to 842 nm"), (("-v",), "nearest to 842 nm", "Traceback"), (("-q",), "", "NIR")],
+    [((), "NIR is band 4", "R2"), (("-v",), "R2", "Traceback"), (("-q",), "", "NIR")],
 )
 def test_a_command_shows_as_much_as_it_is_asked_for(options, shown, hidden, deglint, sea, write, tmp_path):
     ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *PLAIN, *options)
@@ -75,7 +75,7 @@ def test_a_batch_passes_on_what_its_workers_log(deglint, sea, write, tmp_path):
     order.write_text(f'[recipe]\nmethod = "hedley"\n[output]\ndirectory = "{tmp_path}/clean"\n')
     ran = deglint("batch", order, write(tmp_path / "one.tif", sea()), "-v")
     assert ran.code == 0
-    assert "one: NIR: band 4 nir (840 nm)\n" in ran.err
+    assert "one: NIR is band 4 nir (840 nm)" in ran.err
     assert "[1/1] one done in " in ran.err
 
 

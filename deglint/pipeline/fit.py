@@ -136,7 +136,7 @@ def _fit_overviews(
     """Fit to a first overview; if it contains too little water, to larger and larger parts of the scene."""
     log_scene(scene)
     request, notes = make_request(scene, recipe)
-    log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
+    log_nir(notes)
     nir = request.indexes[0].bands[0]
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"

@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 import logging
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,8 +37,6 @@ BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Data types that an output can have."""
-
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -180,18 +178,13 @@ def log_scene(scene: Scene) -> None:
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
-def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
+def log_nir(notes: Sequence[str]) -> None:
     """Log which bands show the glint."""
-    said = []
-    for index in bands:
-        band, number = scene.bands[index], f"band {index + 1}"
-        name = number if band.name.casefold() == number else f"{number} {band.name}"
-        said.append(name + (f" ({band.wavelength:g} nm)" if band.wavelength else ""))
-    log.info("NIR: %s", ", ".join(said))
     for note in notes:
-        if doubt := note.partition("; warning: ")[2]:
+        said, _, doubt = note.partition("; warning: ")
+        log.info("%s", said)
+        if doubt:
             log.warning("%s", doubt)
-    why(notes)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
@@ -324,7 +317,7 @@ def load_model(path: str) -> GlintModel:
 
     Raises ReadError, InputError: no such file, or not a saved model.
     """
-    return _load(path, GlintModel.from_json)
+    return _load(path)[0]
 
 
 def load_chain(path: str) -> Chain:
@@ -332,14 +325,13 @@ def load_chain(path: str) -> Chain:
 
     Raises ReadError, InputError: no such file, or not a saved compensation.
     """
+    return _load(path)[1]
 
-    return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
-
-def _load(path: str, read: Callable[[str], Read]) -> Read:
-    """Read a saved fit; errors name the file."""
+def _load(path: str) -> tuple[GlintModel, Chain]:
     text = read_text(path, "--model")
     try:
-        return read(text)
+        model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")
+        return model, chain_from(chain) if chain else Chain()
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error
