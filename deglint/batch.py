@@ -149,9 +149,6 @@ class Outcome:
     warnings: int = 0  # how many the sidecar holds
 
 
-SUMMARY_COLUMNS = [f.name for f in fields(Outcome)]
-
-
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
     """One job for each scene.
 

@@ -18,14 +18,7 @@ GAMMA = 1.8
 
 
 def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.uint8] | None = None) -> str:
-    """A title, rows of (name, value) and a picture as HTML.
-
-    Parameters
-    ----------
-    title : str
-    rows : sequence of (str, str)
-    picture : (row, column, 3) uint8 ndarray, optional
-    """
+    """A title, rows of (name, value) and a picture, (row, column, 3), as HTML."""
     kept = [*rows[:MOST_ROWS], *([("...", f"{len(rows) - MOST_ROWS} more")] if len(rows) > MOST_ROWS else [])]
     cells = "".join(f"<tr><th style='text-align:left'>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in kept)
     image = "" if picture is None else f"<td style='vertical-align:top'><img src='{data_uri(picture)}' alt=''></td>"

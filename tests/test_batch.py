@@ -188,7 +188,7 @@ def test_two_batches_do_not_work_in_one_directory(deglint, place):
 def test_a_table_replaces_nothing_but_a_table(deglint, place):
     ran = deglint("batch", place / "r.toml", place / "in" / "a.tif", "--table", place / "in" / "b.tif")
     assert ran.code == 1
-    assert "is no summary of a batch" in ran.err
+    assert "b.tif exists already" in ran.err
     assert not (place / "out").exists()
 
 

@@ -21,8 +21,8 @@ def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
 
     with caplog.at_level(logging.INFO, "deglint"):
         deglint.remove_glint(source, tmp_path / "out.tif", Recipe(method="hedley"), progress=progress)
-    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR is band 4 nir (840 nm), nearest to 842 nm", "water: ", "compensation: ",
-                  "sample: ", "method: hedley; bands to correct: blue, green, red"):  # fmt: skip
+    for begin in (f"{source}: 4 bands, 100 x 80 pixels", "NIR is band 4 nir (840 nm), nearest to 842 nm", "water: ",
+                  "compensation: ", "sample: ", "method: hedley; bands to correct: blue, green, red"):  # fmt: skip
         assert any(line.startswith(begin) for line in at_work), begin
     after = caplog.messages[len(at_work) :]
     assert after[0] == "bands corrected: blue, green, red; copied: nir"

@@ -74,15 +74,16 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
     from ..batch import FAILED, TODO, read_order, run_batch
+    from ..raster.targets import check_targets
     from ..readers.scenes import list_scenes
 
     order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
     listed = list_scenes(scenes, order.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
-        _check_table(
-            table, [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
-        )
+        reads = [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
+        older = table.is_file() and table.read_bytes().startswith(b"name,inputs,output,status,reason,seconds,")
+        check_targets([table], {"an input": reads}, overwrite=older or given["overwrite"])
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
@@ -131,29 +132,14 @@ def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> st
     return f"would read and write {size(total)} of pixels before compression{left}"
 
 
-def _check_table(path: Path, reads: list[str]) -> None:
-    """Check that the table replaces no file other than an older table."""
-    from ..batch import SUMMARY_COLUMNS
-    from ..errors import WriteError
-    from ..raster.targets import check_targets
-
-    check_targets([path], {"an input": reads}, overwrite=True)
-    if path.exists():
-        head = ",".join(SUMMARY_COLUMNS).encode()
-        with path.open("rb") as file:
-            if file.read(len(head)) != head:
-                raise WriteError(f"{path} exists and is no summary of a batch. Name another file for --table.")
-
-
 def _write_table(path: Path, found: list[Any]) -> None:
-    from ..batch import SUMMARY_COLUMNS
     from ..raster.output import write_text
     from ..raster.scratch import Scratch
 
     text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(SUMMARY_COLUMNS)
-    rows.writerows([asdict(o).values() for o in found])
+    rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")
+    rows.writeheader()
+    rows.writerows(asdict(outcome) for outcome in found)
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 
