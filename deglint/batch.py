@@ -302,7 +302,7 @@ class _Worker:
             self.process.join()
         code = self.process.exitcode
         why = f"its process ended with exit code {code}"
-        if code == -signal.SIGKILL:
+        if code == -9:
             why += " (SIGKILL): out of memory, perhaps; try fewer --jobs"
         return job.ended(FAILED, why, begun=begun)
 

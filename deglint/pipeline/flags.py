@@ -22,6 +22,7 @@ import numpy.typing as npt
 from ..physics import sky
 from ..physics.atmosphere import WAVELENGTH_RANGE, Air, irradiance
 from ..physics.glint import VIEW_LIMIT
+from ..raster.convert import holds
 from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
@@ -128,7 +129,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     if out.kind == "f":
         if nodata is not None and np.isfinite(nodata) and abs(nodata) > np.finfo(out).max:
             nodata = float("nan")
-    elif nodata is None or not (np.iinfo(out).min <= nodata <= np.iinfo(out).max and float(nodata).is_integer()):
+    elif nodata is None or not holds(out, nodata):
         masked = masked or nodata is not None or info.dtype.kind == "f"
         nodata = None
     # bands of files without descriptions are known by their files' names, and must be in the output, too

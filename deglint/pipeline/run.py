@@ -140,8 +140,8 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
-    if note := getattr(work.area, "note", ""):
-        fitted = replace(fitted, notes=(*fitted.notes, note))
+    if work.area is not None and work.area.note:
+        fitted = replace(fitted, notes=(*fitted.notes, work.area.note))
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, work, targets, sky, run)
