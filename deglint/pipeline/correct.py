@@ -65,7 +65,7 @@ class Block:
     water: Mask  # where it may be corrected, with the pixels around
     known: Mask  # where the tile is valid
     where: Mask  # where it is to be corrected: valid water
-    changes: list[tuple[list[int], Mask | None]] = field(default_factory=list)  # bands, and where they changed
+    changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # bands, and where they changed
     replaced: Mask | None = None  # (band, row, column), with a chain
     targets: Mask | None = None
     errors: Any = None  # (band, row, column) standard errors, with a chain
@@ -74,11 +74,6 @@ class Block:
     def own(self) -> Any:
         """Physical values of the tile."""
         return self.wide[self.tile.within(self.outer)]
-
-    @property
-    def part(self) -> Mask | None:
-        """Pixels to correct; None for all, as numpy and OpenCV then need no mask."""
-        return None if self.where.all() else self.where
 
 
 @dataclass(frozen=True)
@@ -203,12 +198,11 @@ class Correction:
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
-            part = True if block.part is None else block.part
             for band, amount in found.items():
-                np.subtract(physical[band], amount, out=physical[band], where=part)
+                np.subtract(physical[band], amount, out=physical[band], where=block.where)
         else:
-            apply(physical, self.model, where=block.part, out=physical)
-        block.changes = [([f.band for f in self.model.fits], block.part)]
+            apply(physical, self.model, where=block.where, out=physical)
+        block.changes = [([f.band for f in self.model.fits], block.where)]
 
     def _compensate(self, block: Block, physical: Any) -> None:
         """Apply the chain cell by cell, and store the result in `physical`."""
@@ -226,7 +220,7 @@ class Correction:
                 place = where if band in removed else block.replaced[within][band] | block.targets[within]
                 np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
         if both := sorted(removed & set(self.changed)):
-            block.changes = [(both, block.part)]
+            block.changes = [(both, block.where)]
         rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
         block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
 
@@ -275,7 +269,7 @@ class Correction:
             flags[negative.any(axis=0)] |= bits.NEGATIVE
             flags[clipped.any(axis=0)] |= bits.CLIPPED
             if lost is not None:
-                lost[bands] &= False if place is None else ~place
+                lost[bands] &= ~place
         if lost is not None:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
             flags[lost.any(axis=0)] |= bits.CLIPPED

@@ -87,7 +87,7 @@ def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[n
         counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
     counts["changed"] = np.zeros(len(saturated), np.int64)
     for bands, place in block.changes:
-        counts["changed"][bands] = np.count_nonzero(block.where if place is None else place)
+        counts["changed"][bands] = np.count_nonzero(place)
     return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)
 
 
