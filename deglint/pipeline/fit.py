@@ -29,6 +29,9 @@ from .recipe import Recipe, make_request
 from .sample import Job, Progress
 from .sampling import Sampled, describe_sample, fit_sampled, place_of
 
+SMALLEST_SCENE = 256
+"""Pixels of the smallest scene in which a sample is searched."""
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -135,6 +138,11 @@ def _fit_overviews(
 ) -> Fitted:
     """Fit to a first overview; if it contains too little water, to larger and larger parts of the scene."""
     log_scene(scene)
+    if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
+        raise NoWaterError(
+            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
+            f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
+        )
     request, notes = make_request(scene, recipe)
     log_nir(notes)
     nir = request.indexes[0].bands[0]
