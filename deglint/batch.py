@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from logging.handlers import QueueHandler
 from multiprocessing import get_context, parent_process
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from .checks import check_choice, check_kind
@@ -307,14 +308,6 @@ class _Worker:
         return job.ended(FAILED, why, begun=begun)
 
 
-class _Forward(QueueHandler):
-    """Log handler of a worker: sends its records to the batch process."""
-
-    def enqueue(self, record: logging.LogRecord) -> None:
-        with contextlib.suppress(OSError):
-            self.queue.send(record)  # type: ignore[attr-defined]
-
-
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     """Main loop of a worker: run jobs until the batch process ends it, or has ended.
 
@@ -322,7 +315,8 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     """
     sent = logging.getLogger("deglint" if talks else "deglint.timing")
     sent.setLevel(logging.INFO)
-    sent.addHandler(_Forward(line))
+    sent.addHandler(QueueHandler(SimpleNamespace(put_nowait=line.send)))
+    logging.raiseExceptions = False  # where the batch process has ended
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
