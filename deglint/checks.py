@@ -33,23 +33,18 @@ def nearest(word: str, known: list[str]) -> str:
 def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
     """Decorator: an unknown keyword is a TypeError that suggests the closest known one.
 
-    Parameters
-    ----------
-    *more : str
-        Further keywords that the function accepts through ``**``.
+    `more` are keywords that the function accepts through ``**``.
     """
 
     def decorate(function: Callable[Args, Result]) -> Callable[Args, Result]:
-        own = [p for p in inspect.signature(function).parameters.values() if p.name != "self"]
-        known = [p.name for p in own if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)] + list(more)
-        name = function.__qualname__.removesuffix(".__init__")
+        known = [name for name in inspect.signature(function).parameters if name != "self"] + list(more)
 
         @wraps(function)
         def call(*args: Args.args, **kwargs: Args.kwargs) -> Result:
-            for word in kwargs:
-                if word not in known:
-                    hint = nearest(word, known) or f"; it takes {', '.join(known)}."
-                    raise TypeError(f"{name}: there is no argument {word!r}{hint}")
+            if unknown := kwargs.keys() - {*known}:
+                word, name = min(unknown), function.__qualname__.removesuffix(".__init__")
+                hint = nearest(word, known) or f"; it takes {', '.join(known)}."
+                raise TypeError(f"{name}: there is no argument {word!r}{hint}")
             return function(*args, **kwargs)
 
         return call
@@ -75,13 +70,7 @@ def described(value: Any) -> str:
 
 
 def as_path(value: Any, name: str) -> str:
-    """A path or GDAL name as text.
-
-    Raises
-    ------
-    InputError
-        The value is neither a path nor a non-empty text.
-    """
+    """A path or GDAL name as text; raises InputError: the value is neither a path nor a non-empty text."""
     if isinstance(value, str) and value:
         return value
     if isinstance(value, os.PathLike) and isinstance(path := os.fspath(value), str):
@@ -91,38 +80,20 @@ def as_path(value: Any, name: str) -> str:
 
 
 def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
-    """Check the type of a value.
-
-    Raises
-    ------
-    InputError
-        The value has another type; the message ends with `remedy`.
-    """
+    """Check the type of a value; raises InputError: it has another, with a message that ends with `remedy`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
 
 
 def check_choice(value: Any, known: list[str], name: str) -> None:
-    """Check that a value is one of the known words.
-
-    Raises
-    ------
-    InputError
-        It is not; the message lists the known words and suggests the closest one.
-    """
+    """Check that a value is one of the known words; raises InputError: it is not, with the words and the closest."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")
 
 
 def check_number(value: Any, low: float, high: float, name: str) -> None:
-    """Check that a value is a number from `low` to `high`.
-
-    Raises
-    ------
-    InputError
-        It is not; the message gives the range.
-    """
+    """Check that a value is a number from `low` to `high`; raises InputError: it is not."""
     if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")
 
@@ -130,10 +101,7 @@ def check_number(value: Any, low: float, high: float, name: str) -> None:
 def from_plain(kind: Any, value: Any) -> Any:
     """A value of a type from its JSON form: dataclasses from objects, tuples from lists; other keys are ignored.
 
-    Raises
-    ------
-    TypeError, ValueError
-        The value is of another type, or a field is missing.
+    Raises TypeError, ValueError: the value is of another type, or a field is missing.
     """
     origin, inner = get_origin(kind), get_args(kind)
     if origin is UnionType:  # X | None

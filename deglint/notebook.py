@@ -12,22 +12,13 @@ import numpy.typing as npt
 
 PICTURE_SIDE = 192
 """Longest side of a picture [pixel]."""
-MOST_PNG_BYTES = 64 << 10
-"""Largest size of the encoded PNG of a picture [byte]; larger pictures are made smaller."""
 MOST_ROWS = 40
 """Most rows of a table; hyperspectral scenes have hundreds of bands."""
 GAMMA = 1.8
 
 
 def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.uint8] | None = None) -> str:
-    """A title, rows of (name, value) and a picture as HTML.
-
-    Parameters
-    ----------
-    title : str
-    rows : sequence of (str, str)
-    picture : (row, column, 3) uint8 ndarray, optional
-    """
+    """A title, rows of (name, value) and a picture, (row, column, 3), as HTML."""
     kept = [*rows[:MOST_ROWS], *([("...", f"{len(rows) - MOST_ROWS} more")] if len(rows) > MOST_ROWS else [])]
     cells = "".join(f"<tr><th style='text-align:left'>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in kept)
     image = "" if picture is None else f"<td style='vertical-align:top'><img src='{data_uri(picture)}' alt=''></td>"
@@ -36,15 +27,11 @@ def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.u
 
 
 def data_uri(picture: npt.NDArray[np.uint8]) -> str:
-    """The picture as a PNG in a data URI of at most `MOST_PNG_BYTES`."""
+    """The picture as a PNG in a data URI."""
     import cv2
 
-    while True:
-        _ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
-        uri = "data:image/png;base64," + b64encode(png.tobytes()).decode()
-        if len(uri) <= MOST_PNG_BYTES:
-            return uri
-        picture = picture[::2, ::2]
+    _ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    return "data:image/png;base64," + b64encode(png.tobytes()).decode()
 
 
 def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:

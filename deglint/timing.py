@@ -10,43 +10,26 @@ LOG_EVERY = 30.0
 log = logging.getLogger(__name__)
 
 
-class TimeLeft:
-    """Time left of a stage: what remains, at the mean rate since the stage's first report.
-
-    Examples
-    --------
-    >>> left = TimeLeft()
-    >>> left("correct", 1, 10, now=0.0), left("correct", 4, 10, now=6.0)
-    (None, 12.0)
-    """
-
-    def __init__(self) -> None:
-        self._stage = ""
-        self._first = (0, 0.0)
-
-    def __call__(self, stage: str, done: int, total: int, *, now: float | None = None) -> float | None:
-        """Seconds, or None at a stage's first report."""
-        now = time.monotonic() if now is None else now
-        if stage != self._stage or done < self._first[0]:
-            self._stage, self._first = stage, (done, now)
-        finished, since = done - self._first[0], now - self._first[1]
-        return since / finished * (total - done) if finished else None
-
-
 class Reporter:
     """A progress function that logs at most every `LOG_EVERY` seconds, the first time that long after a stage began."""
 
     def __init__(self) -> None:
-        self._left, self._said = TimeLeft(), 0.0
+        self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0
+
+    def left(self, stage: str, done: int, total: int) -> str:
+        """Time left of a stage, at the mean rate since its first report; "" at the first."""
+        now = time.monotonic()
+        if stage != self._stage or done <= self._first:
+            self._stage, self._first, self._begun, self._said = stage, done, now, now
+            return ""
+        return duration((now - self._begun) / (done - self._first) * (total - done))
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Take in that `done` of `total` tiles are finished."""
-        now, left = time.monotonic(), self._left(stage, done, total)
-        if left is None:  # the stage begins
-            self._said = now
-        elif done < total and now - self._said >= LOG_EVERY:
-            self._said = now
-            log.info("%s: %d %%, %s left", stage, 100 * done // total, duration(left))
+        left = self.left(stage, done, total)
+        if left and done < total and time.monotonic() - self._said >= LOG_EVERY:
+            self._said = time.monotonic()
+            log.info("%s: %d %%, %s left", stage, 100 * done // total, left)
 
 
 def duration(seconds: float) -> str:

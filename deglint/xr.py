@@ -24,15 +24,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import tiles as tiling
 from .checks import checked_keywords
 from .compensate import Chain
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
-from .pipeline.chunks import detached, over_tiles
 from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
 from .pipeline.outputs import DTYPES
-from .readers.arrays import BANDS, axes, open_array
+from .pipeline.overview import raster_of
+from .raster.environment import enter_thread
+from .raster.source import ArraySource
+from .readers.arrays import BANDS, ArrayScene, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
 from .scene import Scene
@@ -41,6 +44,8 @@ from .tiles import Tile, default_threads
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
+Work = Callable[[Scene, Tile], npt.NDArray[Any]]
+"""Function that computes a (band, row, column) array from a tile of a scene."""
 
 
 @checked_keywords()
@@ -124,10 +129,15 @@ def apply(
     if dtype is not None and (dtype not in DTYPES or (dtype != own and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {own}, got {dtype!r}.")
     work = correction(scene, fitted, dtype=dtype)
-    work = replace(work, scene=detached(scene), layout=replace(work.layout, masked=False))
+    work = replace(work, scene=None, layout=replace(work.layout, masked=False))  # type: ignore[arg-type]
     every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
+    clean = over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads)
+    return opened.like(clean)
+
+
+def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+    return replace(work, scene=scene)(tile).raw
 
 
 @checked_keywords()
@@ -232,15 +242,67 @@ def need_xarray() -> Any:
         raise DeglintError("xarray is not installed. Install it with: pip install 'deglint[xarray]'") from error
 
 
-def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
-    return replace(work, scene=scene)(tile).raw
-
-
 def _same(a: Any, b: Any) -> bool:
     try:
         return bool(np.array_equal(a, b, equal_nan=True))
     except TypeError:
         return bool(np.array_equal(a, b))
+
+
+def over_tiles(
+    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int = 1,
+    threads: int | None = None,
+) -> Any:  # fmt: skip
+    """Run `work` on a scene's tiles: lazily on the chunks of a Dask array; else at once, on threads.
+
+    `work` must be picklable; it gets a scene from which the tile and `reach` pixels around it can be read. `like` gives
+    the number of bands and the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples
+    of `step` [pixel].
+    """
+    scene = opened.scene
+    if hasattr(opened.values, "dask"):
+        return _lazily(opened, work, reach, like, step)
+    block = max(step, tiling.COMPACT) // step * step
+    out = np.empty((like[0], scene.height, scene.width), like[1])
+    every = tiling.tiles(scene.height, scene.width, (block, block))
+    threads = tiling.affordable(threads or default_threads(), (block, block), 3 * len(scene.bands))
+    for tile, done in tiling.run(every, partial(work, scene), threads=threads, start=enter_thread):
+        (row0, row1), (col0, col1) = tile.window
+        out[:, row0:row1, col0:col1] = done
+    return out
+
+
+def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], step: int) -> Any:
+    from dask.array import map_blocks
+    from dask.array.overlap import overlap
+
+    values = opened.values.rechunk({0: -1})
+    rows, columns = (_aligned(chunks, step, reach) for chunks in values.chunks[1:])
+    values = values.rechunk({1: rows, 2: columns})
+    padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
+    task = partial(_of_chunk, replace(opened.scene, source=None), raster_of(opened.scene).info, work, reach)  # type: ignore[arg-type]
+    chunks, meta = ((like[0],), rows, columns), np.empty((0, 0, 0), like[1])
+    return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
+
+
+def _of_chunk(
+    scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
+) -> npt.NDArray[Any]:
+    """Run the work on a chunk with the pixels around it; `block_info` (from dask) gives its position."""
+    (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
+    tile = Tile(row0, row1, col0, col1)
+    outer = tile.grown(reach, scene.height, scene.width)
+    return work(replace(scene, source=ArraySource(block, info, (outer.row0, outer.col0))), tile)
+
+
+def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
+    """Chunks with edges moved up to multiples of `step`, of at least `least` pixels each."""
+    total, edges = sum(chunks), [0]
+    for edge in np.cumsum(chunks[:-1]):
+        moved = -(-int(edge) // step) * step
+        if moved - edges[-1] >= max(least, 1) and total - moved >= max(least, 1):
+            edges.append(moved)
+    return tuple(int(n) for n in np.diff([*edges, total]))
 
 
 class Deglint:

@@ -16,12 +16,11 @@ import numpy as np
 
 from deglint.checks import checked_keywords
 from deglint.errors import InputError
-from deglint.pipeline.chunks import detached, over_tiles
 from deglint.readers.arrays import open_array
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import Tile, default_threads
-from deglint.xr import need_xarray
+from deglint.xr import need_xarray, over_tiles
 
 from .arrays import Array
 from .background import Background
@@ -115,7 +114,7 @@ def score(
     if background is not None and plan.recipe.kind.matrices and background.bands != len(plan.bands):
         raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
     plan = fitted(replace(plan, given=background or plan.given))
-    work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
+    work = Scoring(replace(plan, scene=replace(opened.scene, source=None), tiles=[]))  # type: ignore[arg-type]
     reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
     step = CELL if plan.rule else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)

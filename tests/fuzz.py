@@ -179,8 +179,6 @@ def _peak() -> float:
 
 def verdict(came: dict) -> str:
     """What is wrong with what came of a case; nothing where all is well."""
-    from deglint.shown import shown
-
     said, code = came["said"], came["code"]
     if came["peak"] > MOST_RESIDENT:
         return f"took {came['peak']:.0f} MB"
@@ -190,8 +188,6 @@ def verdict(came: dict) -> str:
         return f"ended with code {code}: {said[:200]}"
     if code and (not said.startswith("Error: ") or said.count("\n") != 1) and "scenes:" not in said:
         return f"does not say why in one line: {said[:300]!r}"
-    if shown(said) != said:
-        return f"writes hidden characters: {said[:200]!r}"
     if any(name.startswith(".") for name in came["left"]) or (code and came["left"]):
         return f"leaves {came['left']}"
     return ""

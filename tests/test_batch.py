@@ -11,8 +11,7 @@ import textwrap
 import numpy as np
 import pytest
 
-from deglint.batch.jobs import jobs_of, read_order, state_of
-from deglint.batch.run import run_batch
+from deglint.batch import jobs_of, read_order, run_batch, state_of
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.raster.scratch import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
@@ -167,8 +166,6 @@ def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):
     write(place / "in2" / "a.tif", sea())
     with pytest.raises(InputError, match=r"several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
         run_batch(order, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
-    with pytest.raises(InputError, match="an output cannot be named"):
-        run_batch(order, [ListedScene("x" * 5000, (str(place / "in" / "a.tif"),))])
     assert not (place / "out").exists()
     text = (place / "r.toml").read_text().replace(str(place / "out"), str(place / "in")).replace("_clean", "")
     (place / "r.toml").write_text(text)
@@ -191,13 +188,13 @@ def test_two_batches_do_not_work_in_one_directory(deglint, place):
 def test_a_table_replaces_nothing_but_a_table(deglint, place):
     ran = deglint("batch", place / "r.toml", place / "in" / "a.tif", "--table", place / "in" / "b.tif")
     assert ran.code == 1
-    assert "is no summary of a batch" in ran.err
+    assert "b.tif exists already" in ran.err
     assert not (place / "out").exists()
 
 
 CRASH = """
     import os, signal, sys
-    import deglint.batch.run as workers
+    import deglint.batch as workers
     whole = workers.remove_glint
     def remove(paths, *arguments, **options):
         if paths[0].endswith("b.tif"):
@@ -319,13 +316,13 @@ def test_a_csv_of_scenes_in_two_files_each_runs(deglint, place, sea, write):
         ("[recipe]\nmethod = 'magic'", "method 'magic' is not one of auto, .*hedley"),
         ("[recipe]\nmetod = 'joyce'", r"\[recipe\] metod is not one of bands, compensate"),
         ("[recipe]\nfloor_percentile = 'much'", "want a number"),
-        ("[recipe]\nbands = {a = 1}", "bands: want names or numbers"),
-        ("[recipe]\nnir = true", "nir: want names or numbers"),
+        ("[recipe]\nbands = {a = 1}", "bands: want a band by name"),
+        ("[recipe]\nnir = true", "nir: want a band by name"),
         ("[output]\nname = 'out.tif'", "must hold {name}"),
         ("[output]\nname = '../{name}.tif'", "no file name can be made"),
         ("[output]\nextras = ['magic']", "is not one of flags, amount"),
         ("[output]\ndtype = 'complex64'", "is not one of float32"),
-        ("[output]\noptions = ['a']", "want NAME = VALUE"),
+        ("[output]\noptions = ['a']", "options: want a dict"),
         ("[outputs]\n", "is not one of the tables"),
         ("recipe = 3", "is not one of the tables"),
         ("[recipe", "is not TOML"),

@@ -188,7 +188,7 @@ def test_addresses_that_lead_nowhere(deglint, scene, monkeypatch):
     monkeypatch.setattr("deglint.pipeline.cluster._CONNECT", 0.5)
     ran = deglint("remove", scene, "out.tif", *RUN, "--cluster", "tcp://127.0.0.1:1")
     assert ran.code == 1
-    assert "cannot reach a scheduler at tcp://127.0.0.1:1" in ran.err
+    assert "cannot reach a scheduler with workers at tcp://127.0.0.1:1" in ran.err
 
 
 def test_an_input_that_is_not_there_starts_no_workers(deglint, tmp_path):
@@ -272,4 +272,4 @@ def test_a_scheduler_that_is_lost_while_it_is_asked_is_one_line(lost_by):
             raise CommClosedError("ConnectionPool closing.")
 
     with pytest.raises(DeglintError, match="lost the cluster"):
-        Cluster(Client)._result(Future())
+        Cluster(Client())._result(Future())

@@ -98,9 +98,12 @@ def test_a_saved_chain_gives_the_same_result(made, tmp_path, chain):
     assert np.array_equal(open_scene(out).read(), open_scene(again).read())
 
 
-def test_a_saved_chain_of_an_earlier_version_is_refused(tmp_path):
+def test_a_saved_chain_of_an_earlier_version_is_refused(made, tmp_path):
+    path, _ = made()
     file = tmp_path / "old.json"
-    file.write_text(json.dumps({"compensation": {"chain": "x", "before": [{"stage": "identify-level"}], "after": []}}))
+    remove_glint(path, tmp_path / "out.tif", Recipe(method="hedley"), model_file=file)
+    old = {"compensation": {"chain": "x", "before": [{"stage": "identify-level"}], "after": []}}
+    file.write_text(json.dumps(json.loads(file.read_text()) | old))
     with pytest.raises(DeglintError, match=r"save.*again"):
         load_chain(str(file))
 

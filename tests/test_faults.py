@@ -254,7 +254,7 @@ SLOW = """
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=["Ctrl-C", "kill", "hangup"])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "kill"])
 def test_an_interruption_leaves_everything_as_it_was(sea, write, tmp_path, how):
     source = write(tmp_path / "in.tif", sea(300, 300))
     (tmp_path / "out.tif").write_bytes(b"old")
@@ -266,7 +266,7 @@ def test_an_interruption_leaves_everything_as_it_was(sea, write, tmp_path, how):
         running.send_signal(how)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert said == "interrupted: nothing was written.\n"
+    assert said == "\ninterrupted: no output is half written.\n"
     assert (tmp_path / "out.tif").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
 
@@ -291,7 +291,7 @@ def test_an_interruption_while_threads_read(sea, write, tmp_path):
         running.send_signal(signal.SIGINT)
         _, said = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert said.endswith("interrupted: nothing was written.\n")
+    assert said.endswith("interrupted: no output is half written.\n")
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
 
 

@@ -11,7 +11,7 @@ import pytest
 import rasterio.shutil
 
 from deglint import Recipe, remove_glint
-from deglint.batch.jobs import jobs_of, read_order, state_of
+from deglint.batch import jobs_of, read_order, state_of
 from deglint.checksum import Checksum, are_as
 from deglint.errors import InputError, ReadError
 from deglint.raster.targets import check_targets, files_behind

@@ -174,7 +174,7 @@ def test_a_full_standard_output_is_one_line(sea, write, tmp_path):
             check=False,
         )  # fmt: skip
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("Error: cannot write to standard output: No space left")
+    assert done.stderr.splitlines()[-1].startswith("Error: No space left on device")
 
 
 def test_thresholds_beyond_float32_warn_of_nothing():

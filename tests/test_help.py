@@ -1,11 +1,10 @@
-"""What a newcomer meets on the command line: groups and examples in help, completion, colours, dry runs."""
+"""What a newcomer meets on the command line: groups and examples in help, completion, dry runs."""
 
 import json
 
 import pytest
 
 from deglint import cli
-from deglint.cli import running
 from detect import cli as detect_cli
 
 PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none")
@@ -39,19 +38,6 @@ def test_a_shell_completes_commands_options_values_and_files(request, monkeypatc
     monkeypatch.setenv(f"_{program.upper()}_COMPLETE", "bash_complete")
     ran = request.getfixturevalue(program)()
     assert (ran.code, ran.out.split(), ran.err) == (0, found, "")
-
-
-def test_colours_are_shown_by_a_terminal_alone():
-    class Stream:
-        def __init__(self):
-            self.text = ""
-
-        def write(self, text):
-            self.text += text
-
-    seen = running._Seen(Stream())
-    seen.write("\x1b[31mError:\x1b[0m a\x1b[2J\x1b[8mb\n")
-    assert seen.text == "\x1b[31mError:\x1b[0m a\\x1b[2J\\x1b[8mb\n"
 
 
 def test_no_colour_leaves_the_program_where_there_is_no_terminal(deglint):

@@ -1,9 +1,8 @@
-"""No room: caches of compiled functions that cannot be written, no directory for temporary files, files of no size."""
+"""No room: no directory for the cache of compiled functions, nor for temporary files."""
 
 import errno
 import os
 import re
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -38,17 +37,6 @@ def test_no_directory_can_be_written_to(monkeypatch):
     assert njit(cache=True)(twice)(3) == 6
 
 
-@pytest.mark.parametrize("where", ["_save_overload", "_load_overload"])
-@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EFBIG, errno.EACCES])
-def test_the_disk_refuses(tmp_path, monkeypatch, where, error):
-    def refuse(*_):
-        raise OSError(error, "no")
-
-    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(caching.Cache, where, refuse)
-    assert njit(cache=True)(twice)(3) == 6
-
-
 def test_every_kernel_is_compiled_so():
     straight = re.compile(r"^(from numba import .*\bnjit\b|import numba\b)", re.MULTILINE)
     found = [
@@ -57,37 +45,16 @@ def test_every_kernel_is_compiled_so():
     assert found == ["jit.py"]
 
 
-def no_files():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["info", "in.tif"], ["plan", "--sun", "30@90"]])
-def test_a_result_that_cannot_be_printed_is_one_line(sea, write, tmp_path, arguments):
-    write(tmp_path / "in.tif", sea())
-    with (tmp_path / "said").open("w") as said:
-        ran = subprocess.run([sys.executable, "-m", "deglint", *arguments], cwd=tmp_path, stdout=said, check=False,
-                             stderr=subprocess.PIPE, text=True, preexec_fn=no_files,
-                             env=os.environ | {"PYTHONPATH": str(ROOT)})  # fmt: skip
-    assert ran.returncode == 1
-    assert ran.stderr.endswith("standard output: File too large.\n")
-
-
-@pytest.mark.parametrize("limit", [None, no_files], ids=["no temporary directory", "and files of no size"])
 @pytest.mark.parametrize(
-    ("arguments", "code", "said"),
-    [(["--help"], 0, ""), (["info", "in.tif"], 0, ""), (["plan", "--sun", "30@90"], 0, "wind: "),
-     (["remove", "in.tif", "out.tif", "--method", "hedley", "--mask", "none"], 1, "cannot write out.tif: the disk")],
+    "arguments",
+    [["--help"], ["info", "in.tif"], ["plan", "--sun", "30@90"],
+     ["remove", "in.tif", "out.tif", "--method", "hedley", "--mask", "none"]],
     ids=["help", "info", "plan", "remove"],
 )  # fmt: skip
-def test_commands_need_no_temporary_files(sea, write, tmp_path, arguments, code, said, limit):
+def test_commands_need_no_temporary_files(sea, write, tmp_path, arguments):
     write(tmp_path / "in.tif", sea())
     nowhere = {name: str(tmp_path / "nowhere") for name in ("TMPDIR", "TEMP", "TMP")}
     settings = os.environ | nowhere | {"PYTHONPATH": str(ROOT)}
     ran = subprocess.run([sys.executable, "-m", "deglint", *arguments], cwd=tmp_path, capture_output=True, text=True,
-                         check=False, preexec_fn=limit, env=settings)  # fmt: skip
-    assert "Traceback" not in ran.stderr
-    if limit is None and code:
-        assert ran.returncode == 0, ran.stderr
-        return
-    assert ran.returncode == code, ran.stderr
-    assert said in ran.stderr
+                         check=False, env=settings)  # fmt: skip
+    assert ran.returncode == 0, ran.stderr

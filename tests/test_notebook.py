@@ -11,13 +11,12 @@ import deglint
 import detect
 from deglint import Recipe
 from deglint.errors import ReadError
-from deglint.notebook import MOST_PNG_BYTES, bars, data_uri
+from deglint.notebook import bars, data_uri
 from deglint.scene import MIDDLE
 
 
 def _pictures(html):
     uris = re.findall(r"src='(data:image/png;base64,[^']+)'", html)
-    assert all(len(uri) <= MOST_PNG_BYTES for uri in uris)
     return [_decoded(uri) for uri in uris]
 
 
@@ -83,8 +82,7 @@ def test_what_cannot_be_read_has_no_picture(done, tmp_path):
     assert not _pictures(replace(scene, source=Gone())._repr_html_())
 
 
-def test_a_picture_that_does_not_compress_is_made_smaller():
-    noise = np.random.default_rng(0).integers(0, 256, (400, 400, 3), np.uint8)
-    assert len(data_uri(noise)) <= MOST_PNG_BYTES
-    np.testing.assert_array_equal(_decoded(data_uri(noise[:50, :50]))[..., ::-1], noise[:50, :50])
+def test_a_picture_is_a_png():
+    noise = np.random.default_rng(0).integers(0, 256, (50, 50, 3), np.uint8)
+    np.testing.assert_array_equal(_decoded(data_uri(noise))[..., ::-1], noise)
     assert (bars([0.0, 0.5, 1.0])[:, ::64, 0] < 255).sum(axis=0).tolist() == [0, 48, 96]

@@ -87,9 +87,9 @@ ARRAY = np.ones((4, 20, 20), np.float32)
     [
         (lambda _: Recipe(metod="hedley"), "Recipe: there is no argument 'metod'; did you mean 'method'?"),
         (lambda _: Recipe(method="hedly"), "kutser, nir-subtraction; did you mean 'hedley'?"),
-        (lambda _: Recipe(nir=ARRAY), "names or numbers (from 1) of bands, got an array of shape (4, 20, 20)"),
-        (lambda _: Recipe(nir=True), "names or numbers (from 1) of bands, got True"),
-        (lambda _: Recipe(mask=ARRAY), "Write an array as a raster"),
+        (lambda _: Recipe(nir=ARRAY), "by number (from 1), or a list of them, got an array of shape (4, 20, 20)"),
+        (lambda _: Recipe(nir=True), "by number (from 1), or a list of them, got True"),
+        (lambda _: Recipe(mask=ARRAY), "mask: want a file name, got an array of shape (4, 20, 20)"),
         (lambda _: Recipe(floor_percentile="5"), "want a number from 0 to 100, got '5'"),
         (lambda _: Recipe(compensate=None), "want a text, got None. Give 'auto'"),
         (lambda s: deglint.fit_scene(s, Recipe(nir="NIR1")), "no band 'NIR1' in"),

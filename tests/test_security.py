@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deglint.batch.jobs import read_order
-from deglint.cli.running import printable
+from deglint.batch import read_order
 from deglint.errors import InputError
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes
@@ -190,65 +189,6 @@ def test_a_mission_that_is_no_toml_is_one_line(deglint, tmp_path, text):
     assert ran.code == 1
     assert "is not TOML" in ran.err
     assert ran.err.count("\n") == 1
-
-
-def test_names_do_not_command_the_terminal(deglint, sea, write, tmp_path):
-    assert printable("a\x1b[2J\nb\x07") == "a\\x1b[2J b\\x07"
-    source = write(tmp_path / "in.tif", sea(), names=["blue\x1b[2J", "green", "red", "nir"])
-    for command in (["info", source], ["remove", source, tmp_path / "o.tif", *RUN]):
-        ran = deglint(*command)
-        assert ran.code == 0
-        assert "\x1b" not in ran.out + ran.err
-    assert "\x1b" not in deglint("info", "\x1b[2J.tif").err
-
-
-ODD_NAMES = {
-    "\u202egpj.exe": "\\u202egpj.exe",
-    "a\x9bb": "a\\x9bb",
-    "a\u2066b": "a\\u2066b",
-    "\u200fa": "\\u200fa",
-    "é 水": "é 水",
-}
-
-
-@pytest.mark.parametrize("name", ODD_NAMES)
-def test_hidden_characters_in_names_of_bands_are_spelled_out(deglint, sea, write, tmp_path, name):
-    source = write(tmp_path / "in.tif", sea(), names=[name, "green", "red", "nir"])
-    ran = deglint("remove", source, tmp_path / "o.tif", *RUN)
-    assert ODD_NAMES[name] in ran.err
-    assert ODD_NAMES[name] in deglint("info", source).out
-    assert read_names(tmp_path / "o.tif")[0] == name  # the file keeps its own
-    sidecar = (tmp_path / "o.tif.json").read_text()
-    assert name not in sidecar or name.isprintable()
-
-
-def test_hidden_characters_in_names_of_scenes_are_spelled_out(deglint, sea, write, tmp_path):
-    name = "\u202egpj.exe"
-    write(tmp_path / "in.tif", sea(), names=[name, "green", "red", "nir"])
-    item = {"type": "Feature", "id": f"x{name}", "assets": {"data": {"href": "in.tif"}}}
-    (tmp_path / "s.json").write_text(json.dumps(item))
-    (tmp_path / "r.toml").write_text(
-        f'[output]\ndirectory = "{tmp_path / "out"}"\n[recipe]\nnir = "4"\nmask = "none"\n'
-    )
-    assert deglint("batch", tmp_path / "r.toml", tmp_path / "s.json", "--table", tmp_path / "t.csv").code == 0
-    made = [p.name for p in (tmp_path / "out").iterdir()]
-    assert len(made) == 2
-    assert all(name not in text for text in [*made, (tmp_path / "t.csv").read_text()])
-
-
-def read_names(path):
-    import rasterio
-
-    with rasterio.open(path) as dataset:
-        return dataset.descriptions
-
-
-def test_pages_show_nothing_hidden():
-    from deglint.shown import shown
-
-    page = shown("<title>a\u202eb</title><p>one\u2009two\n\u200fthree\x1b</p>")
-    assert "<title>a\\u202eb</title>" in page
-    assert "<p>one\u2009two\n\\u200fthree\\x1b</p>" in page
 
 
 def test_a_recipe_leads_nowhere_above(deglint, sea, write, tmp_path, monkeypatch):

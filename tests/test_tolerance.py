@@ -183,10 +183,10 @@ def test_error_of_several_references_against_brute_force(factor):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tolerance": 1.0}, "more than 0 and less than 1, got 1"),
-        ({"tolerance": -0.1}, "more than 0 and less than 1"),
-        ({"tolerance": float("nan")}, "more than 0 and less than 1, got nan"),
-        ({"tolerance": "0.1"}, "more than 0 and less than 1"),
+        ({"tolerance": 1.5}, "a number from 0 to 1, got 1.5"),
+        ({"tolerance": -0.1}, "a number from 0 to 1"),
+        ({"tolerance": float("nan")}, "a number from 0 to 1, got nan"),
+        ({"tolerance": "0.1"}, "a number from 0 to 1"),
         ({"tolerance": 0.1, "method": "hochberg"}, "hochberg fits no slopes"),
         ({"tolerance": 0.1, "method": "joyce", "regression": "huber"}, "huber looks at a part of the sample"),
     ],

@@ -15,15 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..shown import shown
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import FILE, with_options
 from .remove import read_bytes, size
-from .running import printable
 
 if TYPE_CHECKING:
-    from ..batch.jobs import Outcome
+    from ..batch import Outcome
 
 log = logging.getLogger(__name__)
 
@@ -75,17 +73,17 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch.jobs import FAILED, TODO, read_order
-    from ..batch.run import run_batch
+    from ..batch import FAILED, TODO, read_order, run_batch
+    from ..raster.targets import check_targets
     from ..readers.scenes import list_scenes
 
     order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
     listed = list_scenes(scenes, order.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
-        _check_table(
-            table, [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
-        )
+        reads = [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
+        older = table.is_file() and table.read_bytes().startswith(b"name,inputs,output,status,reason,seconds,")
+        check_targets([table], {"an input": reads}, overwrite=older or given["overwrite"])
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
@@ -99,7 +97,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         click.echo("\n".join(summary(found)))
         if given["dry_run"]:
             todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
-            click.echo(total_size(todo, order.opening()))
+            click.echo(total_size(todo, order.opening))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 
@@ -110,7 +108,7 @@ def summary(found: list[Any]) -> list[str]:
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
         why = o.reason or (f"{o.warnings} warning{'s' * (o.warnings > 1)}, see the sidecar" if o.warnings else "")
-        rows.append((printable(o.name), o.status, f"{o.seconds:.1f}", share, o.method, printable(why)))
+        rows.append((o.name, o.status, f"{o.seconds:.1f}", share, o.method, why))
     widths = [max(len(row[i]) for row in rows) for i in range(5)]
     out = ["  ".join([*(c.ljust(w) for c, w in zip(row[:5], widths, strict=True)), row[5]]).rstrip() for row in rows]
     counts = Counter(o.status for o in found)
@@ -134,29 +132,14 @@ def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> st
     return f"would read and write {size(total)} of pixels before compression{left}"
 
 
-def _check_table(path: Path, reads: list[str]) -> None:
-    """Check that the table replaces no file other than an older table."""
-    from ..batch.jobs import SUMMARY_COLUMNS
-    from ..errors import WriteError
-    from ..raster.targets import check_targets
-
-    check_targets([path], {"an input": reads}, overwrite=True)
-    if path.exists():
-        head = ",".join(SUMMARY_COLUMNS).encode()
-        with path.open("rb") as file:
-            if file.read(len(head)) != head:
-                raise WriteError(f"{path} exists and is no summary of a batch. Name another file for --table.")
-
-
 def _write_table(path: Path, found: list[Any]) -> None:
-    from ..batch.jobs import SUMMARY_COLUMNS
     from ..raster.output import write_text
     from ..raster.scratch import Scratch
 
     text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(SUMMARY_COLUMNS)
-    rows.writerows([["" if v is None else shown(str(v)) for v in asdict(o).values()] for o in found])
+    rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")
+    rows.writeheader()
+    rows.writerows(asdict(outcome) for outcome in found)
     with Scratch(overwrite=True) as scratch:
         write_text(scratch, path, text.getvalue())
 

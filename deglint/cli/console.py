@@ -12,8 +12,7 @@ from typing import Any, Self
 
 import click
 
-from ..timing import Reporter, TimeLeft, duration
-from .running import printable
+from ..timing import Reporter
 
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
@@ -33,7 +32,7 @@ class Console(logging.Handler):
         self._shown = logging.ERROR if quiet else logging.DEBUG if verbose else level
         self._before: list[tuple[int, bool]] = []
         self._drawn = False
-        self._left, self._report = TimeLeft(), Reporter()
+        self._report = Reporter()
         self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
 
     def __enter__(self) -> Self:
@@ -55,18 +54,17 @@ class Console(logging.Handler):
         """Write a log line; a progress line is erased first."""
         self.clear()
         name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
-        click.echo((click.style(name, fg=colour) if name else "") + printable(record.getMessage()), err=True)
+        click.echo((click.style(name, fg=colour) if name else "") + record.getMessage(), err=True)
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Redraw the progress line on a terminal; elsewhere log a line from time to time."""
         if not self._bar:
             self._report(stage, done, total)
             return
-        left, filled = self._left(stage, done, total), 30 * done // total
-        said = f", {duration(left)} left" if left else ""
+        left, filled = self._report.left(stage, done, total), 30 * done // total
+        said = f", {left} left" if left and done < total else ""
         line = f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}"
-        sys.stderr.write(f"\r\x1b[K{line}")
-        sys.stderr.flush()
+        click.echo(f"\r\x1b[K{line}", nl=False, err=True)
         self._drawn = True
         if done == total:
             self.clear()
@@ -74,6 +72,5 @@ class Console(logging.Handler):
     def clear(self) -> None:
         """Erase the progress line."""
         if self._drawn:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
+            click.echo("\r\x1b[K", nl=False, err=True)
             self._drawn = False

@@ -29,25 +29,20 @@ class AutoOr(click.Choice[str]):
         return (*self._words, *getattr(import_module(self._module), self._table))
 
 
-class FileName(click.ParamType):
+class FileName(click.Path):
     """Option value that a shell completes to file names, to given words such as "auto", or to names of sensors."""
 
-    name = "text"
-
     def __init__(self, *words: str, presets: bool = False) -> None:
+        super().__init__(readable=False)
         self._words, self._presets = words, presets
 
-    def shell_complete(self, _ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """The words of the option that start with what was typed, then files."""
-        words = self._words
-        if self._presets:
-            from ..sensors import names as presets
+        from ..sensors import names as presets
 
-            words += tuple(presets())
-        return [
-            *(CompletionItem(w) for w in words if w.startswith(incomplete)),
-            CompletionItem(incomplete, type="file"),
-        ]
+        words = (*self._words, *(presets() if self._presets else ()))
+        found = [CompletionItem(word) for word in words if word.startswith(incomplete)]
+        return found + super().shell_complete(ctx, param, incomplete)
 
 
 FILE = FileName()
@@ -167,5 +162,5 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
 
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
-        held = sorted(cluster.memory().values())
-        log.info(f"{len(held)} workers, each held at most {held[-1] / 1e6:.0f} MB" if held else "no worker was needed")
+        held = cluster.memory().values()
+        log.info("%d workers, each held at most %.0f MB", len(held), max(held) / 1e6)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import logging
 import re
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,7 @@ from ..tiles import Tile
 TILES_AHEAD = 3
 """Tiles per thread of a worker that are in progress, or finished and not fetched yet."""
 WORKER_PATIENCE = 60.0
-"""Time to wait for a worker if there is none [s]."""
-_POLL = 5.0
-_RECOUNT = 16
+"""Time after which a tile that is not done asks whether there is a worker at all [s]."""
 _CONNECT = 15.0
 _NO_WORKER = f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
 _KILLED = (
@@ -39,14 +37,9 @@ _LOST = "lost the cluster: its scheduler does not answer any more. Start one, an
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Workers that process tiles; made by `connect`, started or connected when first needed."""
+    """Workers that process tiles; made by `connect`."""
 
-    start: Callable[[], Any]
-
-    @cached_property
-    def client(self) -> Any:
-        """The `distributed.Client`."""
-        return self.start()
+    client: Any  # the `distributed.Client`
 
     def run(
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
@@ -60,14 +53,14 @@ class Cluster:
         """
         import cloudpickle
 
-        shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
-        todo, waiting, most = iter(everything), deque[tuple[Tile, Any]](), 0
+        with _answering():
+            shipped = self.client.submit(bytes, cloudpickle.dumps(work), key=f"deglint-work-{secrets.token_hex(8)}")
+        todo, waiting = iter(everything), deque[tuple[Tile, Any]]()
         try:
             for done in range(len(everything)):
-                if done % _RECOUNT == 0:
-                    with _answering():
-                        most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
-                while len(waiting) < most and (tile := next(todo, None)) is not None:
+                with _answering():  # workers come and go
+                    most = TILES_AHEAD * max(sum(self.client.nthreads().values()), 1)
+                for tile in islice(todo, max(most - len(waiting), 0)):
                     waiting.append((tile, self.client.submit(_do, shipped, tile, pure=False)))
                 tile, future = waiting.popleft()
                 yield tile, self._result(future)
@@ -81,28 +74,25 @@ class Cluster:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
-        without = time.monotonic()
-        while True:
-            try:
+        try:
+            while True:
                 with suppress(TimeoutError):
-                    return future.result(timeout=_POLL)
+                    return future.result(timeout=WORKER_PATIENCE)
                 if future.done():  # just now; or the work itself has run out of time
                     return future.result()
-                if self.client.nthreads():
-                    without = time.monotonic()
-            except DeglintError:
-                raise
-            except KilledWorker as error:
-                raise DeglintError(_KILLED) from error
-            except (FutureCancelledError, OSError) as error:
-                raise DeglintError(_LOST) from error
-            if time.monotonic() - without > WORKER_PATIENCE:
-                raise DeglintError(_NO_WORKER)
+                if not self.client.nthreads():
+                    raise DeglintError(_NO_WORKER)
+        except DeglintError:
+            raise
+        except KilledWorker as error:
+            raise DeglintError(_KILLED) from error
+        except (FutureCancelledError, OSError) as error:
+            raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
-        """Peak memory of each worker process so far [byte]; empty if none was started."""
+        """Peak memory of each worker process so far [byte]."""
         with _answering():
-            return dict(self.client.run(_peak)) if "client" in vars(self) else {}
+            return dict(self.client.run(_peak))
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the sidecar: number of workers, and the largest peak memory of one."""
@@ -132,49 +122,38 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     >>> with connect(workers=4) as cluster:  # doctest: +SKIP
     ...     remove_glint("scene.tif", "clean.tif", cluster=cluster)
     """
-    if (address is None) == (workers is None):
-        raise InputError("want the address of a cluster or a number of workers, one of the two.")
-    if workers is not None and workers < 1:
-        raise InputError(f"workers: want at least 1, got {workers}.")
+    if (address is None) == (workers is None) or (workers is not None and workers < 1):
+        raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
     if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
         raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
+    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
+        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     try:
-        import distributed  # noqa: F401
+        from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
         ) from error
-    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
-        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
     # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):
-        level = logging.CRITICAL if name in (".client", ".utils") else logging.ERROR
-        logging.getLogger(f"distributed{name}").setLevel(level)
+        logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
-        yield Cluster(partial(_client, stack, address, workers, memory))
-
-
-def _client(stack: ExitStack, address: str | None, workers: int | None, memory: str) -> Any:
-    """A client of a cluster, or of local processes that are started here; closed with the stack."""
-    from distributed import Client, LocalCluster
-
-    if workers is not None:
-        local = LocalCluster(
-            workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-            dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-        )  # fmt: skip
-        return stack.enter_context(Client(stack.enter_context(local), set_as_default=False, direct_to_workers=True))
-    try:
-        client = stack.enter_context(Client(address, timeout=_CONNECT, set_as_default=False))
-    except (OSError, ValueError, TypeError) as error:
-        raise DeglintError(
-            f"cannot reach a scheduler at {address}. Start one with `dask scheduler`, and name it as tcp://HOST:PORT."
-        ) from error
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except TimeoutError as error:
-        raise DeglintError(f"the cluster at {address} has no worker. Start some with `dask worker`.") from error
-    return client
+        place: Any = address
+        if workers is not None:
+            place = LocalCluster(
+                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
+                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
+            )  # fmt: skip
+            stack.enter_context(place)
+        try:
+            client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
+            stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)
+        except (OSError, ValueError, TypeError) as error:
+            raise DeglintError(
+                f"cannot reach a scheduler with workers at {address}. Start one with `dask scheduler`, workers with "
+                "`dask worker`, and name it as tcp://HOST:PORT."
+            ) from error
+        yield Cluster(client)
 
 
 @contextmanager

@@ -62,10 +62,10 @@ class Block:
     raw: Any
     valid: Any
     wide: Any  # physical values, with the pixels around
-    water: Mask | None  # where it may be corrected, with the pixels around; None: everywhere
+    water: Mask  # where it may be corrected, with the pixels around
     known: Mask  # where the tile is valid
     where: Mask  # where it is to be corrected: valid water
-    changes: list[tuple[list[int], Mask | None]] = field(default_factory=list)  # bands, and where they changed
+    changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # bands, and where they changed
     replaced: Mask | None = None  # (band, row, column), with a chain
     targets: Mask | None = None
     errors: Any = None  # (band, row, column) standard errors, with a chain
@@ -74,11 +74,6 @@ class Block:
     def own(self) -> Any:
         """Physical values of the tile."""
         return self.wide[self.tile.within(self.outer)]
-
-    @property
-    def part(self) -> Mask | None:
-        """Pixels to correct; None for all, as numpy and OpenCV then need no mask."""
-        return None if self.where.all() else self.where
 
 
 @dataclass(frozen=True)
@@ -129,8 +124,6 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and convert it to the output's type."""
-        if not (self.changed or self.want_flags or self.want_amount):
-            return self._copied(tile)
         block = self._read(tile)
         wanted = self.amount_bands if self.want_amount else self.changed
         before = block.own[wanted] if self.want_flags or self.want_amount else None
@@ -140,8 +133,7 @@ class Correction:
         flags = bits.tile_flags(block, full)
         tally = bits.counted(block, flags, saturated)
         error = self._stderr(block, physical) if self.want_stderr else None
-        out = self._encoded(block, physical, flags if self.want_flags else None, tally)
-        done = Corrected(out, tally, self._file_valid(block.raw, block.valid), stderr=error)
+        done = Corrected(self._encoded(block, physical, flags, tally), tally, self._file_valid(block), stderr=error)
         if before is None:
             return done
         amount = np.subtract(before, physical[wanted], dtype=np.float32)
@@ -166,14 +158,6 @@ class Correction:
                 self._remove(block, physical)
         return physical
 
-    def _copied(self, tile: Tile) -> Corrected:
-        """A tile in which no band may change, in the output's type."""
-        raw, valid = raster_of(self.scene).read_raw(tile.window)
-        file_valid = self._file_valid(raw, valid)
-        raw, lost = self._relaid(raw, valid)
-        clipped = 0 if lost is None else np.count_nonzero(lost, axis=(1, 2))
-        return Corrected(raw, PixelCounts(total=tile.pixels, copied=1, clipped=clipped), file_valid)
-
     def _read(self, tile: Tile) -> Block:
         """Read a tile with its halo, and determine the pixels to correct."""
         source = raster_of(self.scene)
@@ -185,23 +169,21 @@ class Correction:
         if valid is not None or raw.dtype.kind not in "iu":
             for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
                 known &= np.isfinite(wide[place][band])
-        water_there = self._water_in(outer, wide)
-        where = known if water_there is None else known & water_there[place]
+        water = self._water_in(outer, wide)
         own_valid = None if valid is None else valid[place]
-        return Block(tile, outer, raw[place], own_valid, wide, water_there, known, where)
+        return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])
 
     def training(self, tile: Tile) -> Training:
         """A tile with its halo before the correction; all of its water is the sample."""
         block = self._read(tile)
-        water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
-        return Training(tile, block.outer, block.wide, water, np.ones(tile.shape, np.bool_))
+        return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
-    def _water_in(self, tile: Tile, physical: Any) -> Mask | None:
-        """Pixels of a tile that may be corrected, from its physical values; None for all."""
+    def _water_in(self, tile: Tile, physical: Any) -> Mask:
+        """Pixels of a tile that may be corrected, from its physical values."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None or self.water.all_water:
-            return None
+            return np.ones(tile.shape, np.bool_)
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: Any) -> Mask:
@@ -215,14 +197,12 @@ class Correction:
         """Subtract the glint that the model predicts from `physical`."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
-            water = np.ones(block.outer.shape, np.bool_) if block.water is None else block.water
-            found, block.targets = glint(block.wide, self.model, water, origin, crop)
-            part = True if block.part is None else block.part
+            found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
             for band, amount in found.items():
-                np.subtract(physical[band], amount, out=physical[band], where=part)
+                np.subtract(physical[band], amount, out=physical[band], where=block.where)
         else:
-            apply(physical, self.model, where=block.part, out=physical)
-        block.changes = [([f.band for f in self.model.fits], block.part)]
+            apply(physical, self.model, where=block.where, out=physical)
+        block.changes = [([f.band for f in self.model.fits], block.where)]
 
     def _compensate(self, block: Block, physical: Any) -> None:
         """Apply the chain cell by cell, and store the result in `physical`."""
@@ -240,7 +220,7 @@ class Correction:
                 place = where if band in removed else block.replaced[within][band] | block.targets[within]
                 np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
         if both := sorted(removed & set(self.changed)):
-            block.changes = [(both, block.part)]
+            block.changes = [(both, block.where)]
         rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
         block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
 
@@ -254,8 +234,7 @@ class Correction:
                 continue
             wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
             around = wide.within(outer)
-            water = None if block.water is None else block.water[around]
-            state = State.of(block.wide[around], water, (cell.row0, cell.col0))
+            state = State.of(block.wide[around], block.water[around], (cell.row0, cell.col0))
             state, core = apply_chain(state, self.chain, self.model), cell.within(wide)
             if self.want_stderr:
                 left = self.left.apply(state) if self.left else state
@@ -275,39 +254,34 @@ class Correction:
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
-        """The tile in the output's type; negative and clipped values are counted."""
-        info = raster_of(self.scene).info
-        raw, lost = self._relaid(np.ascontiguousarray(block.raw), block.valid)
+        """The tile in the output's type; negative and clipped values are flagged and counted."""
+        info, layout = raster_of(self.scene).info, self.layout
+        raw, lost = relaid(
+            np.ascontiguousarray(block.raw), block.valid, layout.info.nodatas, layout.dtype, layout.nodata
+        )
         for bands, place in block.changes:
             negative, clipped = encode(
-                physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place,
-                nodata=self.layout.nodata,
-            )  # fmt: skip
+                physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place, nodata=layout.nodata
+            )
             counts = np.zeros((2, len(raw)), np.int64)
             counts[:, bands] = np.count_nonzero([negative, clipped], axis=(2, 3))
             tally.negative, tally.clipped = tally.negative + counts[0], tally.clipped + counts[1]
-            if flags is not None:
-                flags[negative.any(axis=0)] |= bits.NEGATIVE
-                flags[clipped.any(axis=0)] |= bits.CLIPPED
+            flags[negative.any(axis=0)] |= bits.NEGATIVE
+            flags[clipped.any(axis=0)] |= bits.CLIPPED
             if lost is not None:
-                lost[bands] &= False if place is None else ~place
+                lost[bands] &= ~place
         if lost is not None:
             tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
-            if flags is not None:
-                flags[lost.any(axis=0)] |= bits.CLIPPED
+            flags[lost.any(axis=0)] |= bits.CLIPPED
         return raw
 
-    def _relaid(self, raw: Any, valid: Any) -> tuple[Any, Mask | None]:
-        """Numbers of the file in the output's type, overwritten if it is the same, and where they were clipped."""
-        return relaid(raw, valid, self.layout.info.nodatas, self.layout.dtype, self.layout.nodata)
-
-    def _file_valid(self, raw: Any, valid: Any) -> Mask | None:
+    def _file_valid(self, block: Block) -> Mask | None:
         """The output's mask for the tile, if it has one: valid in every band."""
         if not self.layout.masked:
             return None
-        found = np.ones(raw.shape[1:], np.bool_) if valid is None else np.asarray(valid.all(axis=0))
-        if raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
-            found = found & np.isfinite(raw).all(axis=0)
+        found = np.ones(block.tile.shape, np.bool_) if block.valid is None else np.asarray(block.valid.all(axis=0))
+        if block.raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
+            found = found & np.isfinite(block.raw).all(axis=0)
         return found
 
 

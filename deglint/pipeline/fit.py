@@ -144,7 +144,7 @@ def _fit_overviews(
             f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
         )
     request, notes = make_request(scene, recipe)
-    log_nir(scene, [b for i in request.indexes for b in i.bands], notes)
+    log_nir(notes)
     nir = request.indexes[0].bands[0]
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
@@ -262,17 +262,26 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         the reason in the notes.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe = recipe or Recipe()
+    recipe, threads = recipe or Recipe(), threads or default_threads()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
-    notes: list[str] = list(scene.notes)
-    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
-               "suggested_method", "reason", "choice")  # fmt: skip
-    out: dict[str, Any] = _header(scene) | dict.fromkeys(unknown) | {"tried": [], "notes": notes}
+    notes, out = list(scene.notes), _header(scene)
+    out["notes"] = notes
     budget = raster_of(scene).budget = Budget(limit("DEGLINT_INFO_SECONDS"), LOOK_READS)
     try:
         with environment():
-            fitted = _fit_noted(scene, recipe, threads or default_threads(), out)
+            request, said = make_request(scene, recipe)
+            notes += said
+            out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
+            nir = request.indexes[0].bands[0]
+            overview = overview_of(scene, nir, threads, wanted=True)
+            valid = [np.isfinite(block) for block in read_tiles(scene, overview.tiles, [nir], threads)]
+            out["looked_at_pixels"] = sum(block.size for block in valid)
+            out["valid_fraction"] = float(sum(block.sum() for block in valid) / out["looked_at_pixels"])
+            if overview.water is not None:
+                out["water_fraction"] = overview.water.water_fraction
+                notes.append(overview.water.reason)
+            fitted = fit_scene(scene, recipe, threads=threads)
     except DeglintError as error:
         out["reason"] = str(error) if not budget.over else (
             f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows "
@@ -282,43 +291,25 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         return out
     finally:
         raster_of(scene).budget = None
+    if fitted.water is not None:
+        out["water_fraction"] = fitted.water.water_fraction
     if fitted.sampled:
         out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
+    out["suggested_method"], out["reason"] = fitted.model.method, "as it was asked for"
     if (choice := fitted.choice) is not None:
         copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()
         out["suggested_method"] = None if copied else choice.best.name
         out["reason"] = choice.why_copied if copied else choice.why
-    else:
-        out["suggested_method"], out["reason"] = fitted.model.method, "as it was asked for"
     notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
     return out
 
 
-def _fit_noted(scene: Scene, recipe: Recipe, threads: int, out: dict[str, Any]) -> Fitted:
-    """Fit the recipe; intermediate results are stored in `out` even if the fit fails."""
-    notes = out["notes"]
-    request, said = make_request(scene, recipe)
-    notes += [n for n in said if n not in notes]
-    out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
-    nir = request.indexes[0].bands[0]
-    overview = overview_of(scene, nir, threads, wanted=True)
-    blocks = read_tiles(scene, overview.tiles, [nir], threads)
-    valid, total = np.sum([(np.isfinite(block).sum(), block.size) for block in blocks], axis=0)
-    out |= {"valid_fraction": float(valid / total), "looked_at_pixels": int(total)}
-    water = overview.water
-    try:
-        fitted = fit_scene(scene, recipe, threads=threads)
-        water = fitted.water or water
-    finally:
-        if water is not None:
-            out["water_fraction"] = water.water_fraction
-            notes.append(water.reason)
-    return fitted
-
-
 def _header(scene: Scene) -> dict[str, Any]:
+    """What is known of a scene without a fit, and None for the rest."""
     info = raster_of(scene).info
+    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
+               "suggested_method", "reason", "choice")  # fmt: skip
     return {
         "path": scene.path,
         "driver": info.driver,
@@ -332,4 +323,6 @@ def _header(scene: Scene) -> dict[str, Any]:
         "product": scene.product,
         "opened": list(scene.notes),
         "bands": [asdict(b) for b in scene.bands],
+        **dict.fromkeys(unknown),
+        "tried": [],
     }

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from ..physics import sky
 from ..physics.atmosphere import WAVELENGTH_RANGE, Air, irradiance
 from ..physics.glint import VIEW_LIMIT
+from ..raster.convert import holds
 from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
@@ -86,7 +87,7 @@ def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[n
         counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
     counts["changed"] = np.zeros(len(saturated), np.int64)
     for bands, place in block.changes:
-        counts["changed"][bands] = np.count_nonzero(block.where if place is None else place)
+        counts["changed"][bands] = np.count_nonzero(place)
     return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)
 
 
@@ -128,7 +129,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     if out.kind == "f":
         if nodata is not None and np.isfinite(nodata) and abs(nodata) > np.finfo(out).max:
             nodata = float("nan")
-    elif nodata is None or not (np.iinfo(out).min <= nodata <= np.iinfo(out).max and float(nodata).is_integer()):
+    elif nodata is None or not holds(out, nodata):
         masked = masked or nodata is not None or info.dtype.kind == "f"
         nodata = None
     # bands of files without descriptions are known by their files' names, and must be in the output, too

@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 import logging
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,8 +37,6 @@ BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 """Data types that an output can have."""
-
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -85,11 +83,10 @@ class Outputs:
 class PixelCounts:
     """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0.
 
-    Of copied tiles only the total is known. `glint` counts the pixels of each class of sun glint.
+    `glint` counts the pixels of each class of sun glint.
     """
 
     total: int = 0
-    copied: int = 0  # tiles
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
@@ -181,18 +178,13 @@ def log_scene(scene: Scene) -> None:
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
-def log_nir(scene: Scene, bands: Sequence[int], notes: Sequence[str]) -> None:
+def log_nir(notes: Sequence[str]) -> None:
     """Log which bands show the glint."""
-    said = []
-    for index in bands:
-        band, number = scene.bands[index], f"band {index + 1}"
-        name = number if band.name.casefold() == number else f"{number} {band.name}"
-        said.append(name + (f" ({band.wavelength:g} nm)" if band.wavelength else ""))
-    log.info("NIR: %s", ", ".join(said))
     for note in notes:
-        if doubt := note.partition("; warning: ")[2]:
+        said, _, doubt = note.partition("; warning: ")
+        log.info("%s", said)
+        if doubt:
             log.warning("%s", doubt)
-    why(notes)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
@@ -235,7 +227,7 @@ def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
     """Content of the sidecar, as plain values."""
-    counted, by_band = not tally.copied, partial(tally.by_band, names=scene.names)
+    by_band = partial(tally.by_band, names=scene.names)
     return {
         "deglint": __version__,
         "versions": versions(),
@@ -250,14 +242,14 @@ def sidecar(
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             "total": tally.total,
-            "nodata": tally.nodata if counted else None,
-            "not_water": tally.not_water if counted else None,
+            "nodata": tally.nodata,
+            "not_water": tally.not_water,
             "corrected": tally.corrected,
             "protected": tally.protected,
             "changed": {name: n for name, n in by_band("changed").items() if n},
             "replaced": by_band("replaced"),
             "negative_after": by_band("negative"),
-            "saturated_before": by_band("saturated") if counted else None,
+            "saturated_before": by_band("saturated"),
             "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
@@ -279,7 +271,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
     """Steps that were skipped, and why."""
-    out = {"pixels": "no band needs a correction: copied as they are, and not counted by kind"} if tally.copied else {}
+    out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
@@ -325,7 +317,7 @@ def load_model(path: str) -> GlintModel:
 
     Raises ReadError, InputError: no such file, or not a saved model.
     """
-    return _load(path, GlintModel.from_json)
+    return _load(path)[0]
 
 
 def load_chain(path: str) -> Chain:
@@ -333,14 +325,13 @@ def load_chain(path: str) -> Chain:
 
     Raises ReadError, InputError: no such file, or not a saved compensation.
     """
+    return _load(path)[1]
 
-    return _load(path, lambda text: chain_from(found) if (found := json.loads(text).get("compensation")) else Chain())
 
-
-def _load(path: str, read: Callable[[str], Read]) -> Read:
-    """Read a saved fit; errors name the file."""
+def _load(path: str) -> tuple[GlintModel, Chain]:
     text = read_text(path, "--model")
     try:
-        return read(text)
+        model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")
+        return model, chain_from(chain) if chain else Chain()
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(f"{path}: {error}") from error

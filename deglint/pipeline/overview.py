@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -47,6 +47,8 @@ class Overview:
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
     """Overviews of larger and larger parts of the scene, the last of all of it; with a water rule if `wanted`."""
     roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
+    place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
+    compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
     total = scene.height * scene.width
     known = (scene.sensor or "").startswith(("sentinel2", "landsat"))  # products of reflectance
     for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
@@ -56,7 +58,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
         if wanted and roles.visible and chosen:
             rule = fit_water(
                 read_tiles(scene, chosen, role_bands(roles), threads),
-                _compact(roles),
+                compact,
                 pixel=pixel_size(scene),
                 whole=last and total <= MOST_OVERVIEW,
                 reflectance=known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names),
@@ -109,13 +111,6 @@ def raster_of(scene: Scene) -> RasterSource:
 def role_bands(roles: Roles) -> tuple[int, ...]:
     """0-based scene bands that the masks use, in ascending order."""
     return tuple(sorted({roles.nir, *roles.visible}))
-
-
-def _compact(roles: Roles) -> Roles:
-    """The roles for a block that contains only the bands that the masks use."""
-    place = {b: i for i, b in enumerate(role_bands(roles))}
-    index = {k: place[b] for k in ("blue", "green", "red") if (b := getattr(roles, k)) is not None}
-    return Roles(nir=place[roles.nir], **index)
 
 
 def on_threads(

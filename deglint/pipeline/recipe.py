@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 
-from ..checks import check_choice, check_kind, check_number, checked_keywords, described, nearest
+from ..checks import as_path, check_choice, check_kind, check_number, checked_keywords, nearest
 from ..compensate import THESIS_CHAIN, parse
 from ..errors import InputError
 from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
@@ -73,34 +71,40 @@ class Recipe:
     def __post_init__(self) -> None:
         for name in ("nir", "bands"):
             object.__setattr__(self, name, band_names(getattr(self, name), name))
-        for name, words in (("sample", "'auto', 'all'"), ("mask", "'auto', 'none'")):
-            object.__setattr__(self, name, area_name(getattr(self, name), name, words))
+        for name in ("sample", "mask"):
+            value = getattr(self, name)
+            text = ",".join(map(str, value)) if isinstance(value, (list, tuple)) else as_path(value, name)
+            object.__setattr__(self, name, text)
         check_choice(self.method, ["auto", *METHODS], "method")
         check_choice(self.regression, ["auto", *REGRESSIONS], "regression")
         check_choice(self.nir_use, ["auto", "mean", "best", "set"], "nir_use")
         check_number(self.floor_percentile, 0, 100, "floor_percentile")
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
+        check_number(self.tolerance, 0, 1, "tolerance")
         check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
-        if self.floor_percentile and self.method not in ("hedley", "multiband"):
-            raise InputError(
-                f"a floor percentile is for methods hedley and multiband, got {self.method}: name --method hedley."
-            )
-        if self.regression != "auto" and self.method != "auto" and not METHODS[self.method].regresses:
-            raise InputError(f"{self.method} fits no slopes by regression: leave out --regression {self.regression}.")
-        if self.rrs_factor != float(np.pi) and self.method != "goodman":
-            raise InputError(f"the rrs factor is for method goodman, got method {self.method}.")
-        self._check_tolerance()
-        if self.smallest_object and self.compensate != "auto":
-            raise InputError(
-                f"--smallest-object is for the automatic compensation, got --compensate {self.compensate}: "
-                "leave out one of them, or give the size of the element in the stages."
-            )
-        if self.compensate in CHAINS:
-            return
-        if hint := nearest(self.compensate, list(CHAINS)):
-            raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
-        parse(self.compensate)
+        method, wanted = METHODS.get(self.method), bool(self.tolerance)
+        for wrong, why in (
+            (self.floor_percentile and self.method not in ("hedley", "multiband"),
+             "a floor percentile is for methods hedley and multiband: name one with --method"),
+            (self.regression != "auto" and method and not method.regresses,
+             f"{self.method} fits no slopes by regression: leave out --regression"),
+            (self.rrs_factor != float(np.pi) and self.method != "goodman", "the rrs factor is for method goodman"),
+            (self.smallest_object and self.compensate != "auto",
+             "--smallest-object is for the automatic compensation: leave it out, or --compensate"),
+            (wanted and self.chain != "off",
+             "a tolerance is for a method without compensation: name a --method, and no --compensate"),
+            (wanted and method and not method.least_squares,
+             f"{self.method} fits no slopes, so their error is not known: leave out --tolerance"),
+            (wanted and self.regression in ("huber", "theil-sen"),
+             f"{self.regression} looks at a part of the sample however large it is: leave out --tolerance"),
+        ):  # fmt: skip
+            if wrong:
+                raise InputError(f"{why}.")
+        if self.compensate not in CHAINS:
+            if hint := nearest(self.compensate, list(CHAINS)):
+                raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
+            parse(self.compensate)
 
     @property
     def chain(self) -> str:
@@ -109,49 +113,16 @@ class Recipe:
             return "auto" if self.method == "auto" else "off"
         return THESIS_CHAIN if self.compensate == "thesis" else self.compensate
 
-    def _check_tolerance(self) -> None:
-        if not self.tolerance:
-            return
-        if not (isinstance(self.tolerance, (int, float)) and 0 < self.tolerance < 1):
-            raise InputError(
-                f"tolerance is a relative standard error, more than 0 and less than 1, got {self.tolerance}."
-            )
-        if self.chain != "off":
-            raise InputError("a tolerance is for a method without compensation: name a --method, and no --compensate.")
-        if not METHODS[self.method].least_squares:
-            raise InputError(f"{self.method} fits no slopes, so their error is not known: leave out --tolerance.")
-        if self.regression in ("huber", "theil-sen"):
-            raise InputError(
-                f"{self.regression} looks at a part of the sample however large it is: leave out --tolerance, or take "
-                "--regression ols or detrended."
-            )
-
 
 Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:
     """Names and 1-based numbers of bands, from one text such as "NIR1, NIR2", one number, or a list."""
-    values = [value] if isinstance(value, (str, Integral)) else value
-    if not isinstance(values, (list, tuple)) or not all(
-        isinstance(v, (str, Integral)) and not isinstance(v, bool) for v in values
-    ):
-        raise InputError(f"{field}: want names or numbers (from 1) of bands, got {described(value)}.")
-    return tuple(map(str, split_wanted([v if isinstance(v, str) else int(v) for v in values])))
-
-
-def area_name(value: Any, field: str, words: str) -> str:
-    """An area as text: a word, the name of a file, or a window of four numbers."""
-    if isinstance(value, (list, tuple)) and len(value) == 4 and all(isinstance(v, Integral) for v in value):
-        return ",".join(map(str, value))
-    if isinstance(value, os.PathLike):
-        value = os.fspath(value)
-    if isinstance(value, str) and value:
-        return value
-    raise InputError(
-        f"{field}: want {words}, a file, or a window 'column,row,width,height', got {described(value)}. "
-        "Write an array as a raster of the scene's size, and name that."
-    )
+    try:
+        return tuple(map(str, split_wanted(value)))
+    except InputError as error:
+        raise InputError(f"{field}: {error}") from None
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:

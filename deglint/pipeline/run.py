@@ -98,7 +98,7 @@ def remove_glint(
         # begun before the scene is opened: what changes from now on is noticed
         checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
         scene = settled(open_scene(source, **reading))
-        run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster)
+        run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster, (cluster or tiling).run)
         with raster_of(scene):
             if model is not None:
                 fitted = given_model(scene, recipe, model, run.threads, options.get("chain"))
@@ -110,17 +110,13 @@ def remove_glint(
 
 @dataclass(frozen=True)
 class _Run:
-    """How tiles are processed, the progress callback, and the start time."""
+    """How tiles are processed, and since when."""
 
     threads: int
     progress: Progress
     cluster: Cluster | None
+    over: tiling.Run  # on threads, or on the workers of the cluster
     begun: float = field(default_factory=time.perf_counter)
-
-    @property
-    def over(self) -> tiling.Run:
-        """The function that processes tiles."""
-        return tiling.run if self.cluster is None else self.cluster.run
 
 
 def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
@@ -140,8 +136,8 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
-    if note := getattr(work.area, "note", ""):
-        fitted = replace(fitted, notes=(*fitted.notes, note))
+    if work.area is not None and work.area.note:
+        fitted = replace(fitted, notes=(*fitted.notes, work.area.note))
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, work, targets, sky, run)

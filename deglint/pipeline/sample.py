@@ -103,7 +103,7 @@ def sampler_of(job: Job) -> Sampler:
     if sample != "all":
         # the area of --mask is the sample, too, where no other is given
         area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
-    numbers = {"crs": note} if (note := getattr(area, "note", "")) else {}
+    numbers = {"crs": area.note} if area.note else {}
     tiles = tiles_over(scene, area.bounds, tile_shape_of(scene))
     return Sampler(tiles, lambda _block, _columns, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
 

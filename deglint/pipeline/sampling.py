@@ -124,8 +124,8 @@ def _reached(
     tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
 ) -> tuple[dict[str, Any], str, list[str]]:
     """Entries of the sidecar, a line of the log, and warnings."""
-    worst = max(errors, key=errors.__getitem__, default=None)
-    met = cells >= LEAST_CELLS and (worst is None or errors[worst] <= tolerance)
+    worst = max(errors.values(), default=0.0)
+    met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {
         "wanted": tolerance,
         "met": met,
@@ -135,14 +135,12 @@ def _reached(
         "pixels_read": taken,
         "pixels_skipped": whole - taken,
     }
-    reached = f"reached {errors[worst]:.2g} (worst, {worst})" if worst else "no band is waited for"
-    part = f"with {taken} of {whole} pixels read ({1 - taken / whole:.0%} skipped)"
-    note = f"tolerance {tolerance:g} of the slopes: {reached} {part}"
+    note = f"tolerance {tolerance:g} of the slopes: reached {worst:.2g} with {taken} of {whole} pixels read"
     if met:
         return numbers, note, []
-    known = f"most of the sample's glint is in {cells:.0f} squares of 64 pixels, too few to know the error by"
-    if worst and cells >= LEAST_CELLS:
-        known = f"the slopes' error is {errors[worst]:.2g} in {worst}"
+    known = f"the slopes' error is {worst:.2g}"
+    if cells < LEAST_CELLS:
+        known = f"most of the sample's glint is in {cells:.0f} squares of 64 pixels, too few to know the error by"
     return numbers, note, [f"the tolerance {tolerance:g} was not reached: {known}."]
 
 

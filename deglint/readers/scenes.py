@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..errors import InputError, ReadError
-from ..shown import in_file_name
 from .products import name_of
 from .stac import bands_of_item, items_of, read_document
 from .text import read_text
@@ -85,7 +84,7 @@ def checked_name(name: str, origin: str) -> str:
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "
             f"{LONGEST_NAME} letters without / and \\ and no dot in front."
         )
-    return in_file_name(name)
+    return name
 
 
 def _of_csv(path: str) -> Iterator[ListedScene]:

@@ -13,7 +13,6 @@ from typing import Any
 from deglint import __version__
 from deglint.checksum import Checksum
 from deglint.pipeline.outputs import versions
-from deglint.shown import shown
 
 from . import plots
 from .evaluate import Evaluation, Request
@@ -28,7 +27,7 @@ def render(package: str, **values: Any) -> str:
 
     style = files("detect.report").joinpath("style.css").read_text(encoding="utf-8")
     template = files(package).joinpath("report.html.jinja").read_text(encoding="utf-8")
-    return shown(Environment(autoescape=True).from_string(template).render(style=style, **values))
+    return Environment(autoescape=True).from_string(template).render(style=style, **values)
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:

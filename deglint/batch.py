@@ -1,0 +1,346 @@
+"""Many scenes with one recipe, in separate processes: one that fails, or crashes its process, does not stop the others.
+
+A recipe file holds the options. A scene is finished if the sidecar of its output records the same recipe and the same
+checksums of input and outputs, so a batch that was interrupted can be continued. A worker process keeps its loaded
+modules from scene to scene; one that crashes is reported and replaced.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import logging
+import os
+import queue
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, fields, replace
+from logging.handlers import QueueHandler
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from .checks import check_choice, check_kind
+from .checksum import are_as, fingerprints, is_as
+from .errors import DeglintError, InputError, NoWaterError
+from .pipeline import Outputs
+from .pipeline.outputs import DTYPES
+from .pipeline.recipe import Recipe, band_names
+from .pipeline.run import READING, remove_glint
+from .raster.environment import environment
+from .raster.scratch import claimed, make_directory
+from .raster.targets import check_target, check_unread
+from .readers.scenes import ListedScene, checked_name
+from .readers.stac import files_of
+from .readers.text import read_json, read_toml
+from .tiles import default_threads
+
+log = logging.getLogger(__name__)
+EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
+"""Optional outputs beside the image, and the endings of their file names."""
+OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
+"""Names in the table [output]."""
+TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
+STOP_PATIENCE = 10.0
+"""Time that a worker has to remove temporary files when the batch is stopped [s]."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """Options that apply to every scene of a batch: the tables [recipe], [output] and [input] of a recipe file."""
+
+    recipe: Recipe = field(default_factory=Recipe)
+    directory: Path = Path()  # of the outputs; made where it is missing
+    name: str = "{name}_deglinted.tif"  # of the image of a scene; "{name}" stands for the scene's name
+    extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
+    dtype: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
+    opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
+    assets: tuple[str, ...] = ()  # of a STAC Item that are the bands
+    reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
+
+    def request(self) -> str:
+        """Checksum of everything that the result depends on except the scene; equal orders give equal checksums."""
+        read = fingerprints([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
+        files = {path: found["crc32"] for path, found in read.items()}
+        said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
+        return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def read_order(path: str, directory: str | None = None) -> Order:
+    """Read a recipe file; `directory`, if given, replaces its output directory.
+
+    It is TOML with the tables [recipe] (fields of `Recipe`), [input] (keywords of `deglint.open_scene`, and assets) and
+    [output] (directory, name, extras, dtype, options); every one may be left out.
+
+    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
+    directory above the current one.
+    """
+    document = read_toml(path, "recipe")
+    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": [*READING, "assets"], "output": OF_OUTPUT}
+    for table, values in document.items():
+        if table not in allowed or not isinstance(values, dict):
+            raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")
+        if unknown := [name for name in values if name not in allowed[table]]:
+            raise InputError(f"{path}: [{table}] {unknown[0]} is not one of {', '.join(sorted(allowed[table]))}.")
+    recipe, output, opening = (dict(document.get(table, {})) for table in ("recipe", "output", "input"))
+    try:
+        for name in ("directory", "name", "dtype"):
+            check_kind(output.get(name, ""), str, f"[output] {name}", "Write it in quotes.")
+        place, options = output.pop("directory", ""), output.pop("options", {})
+        check_kind(options, dict, "[output] options", "Write NAME = VALUE pairs, as {COMPRESS = 'ZSTD'}.")
+        order = Order(
+            Recipe(**recipe),
+            Path(directory or place),
+            extras=band_names(output.pop("extras", ()), "extras"),
+            options={k: {True: "YES", False: "NO"}[v] if isinstance(v, bool) else str(v) for k, v in options.items()},
+            assets=band_names(opening.pop("assets", ()), "assets"),
+            opening=opening,
+            **output,
+        )
+        if "{name}" not in order.name or Path(order.name).suffix.lower() not in (".tif", ".tiff"):
+            raise InputError(f"[output] name {order.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
+        checked_name(order.name.replace("{name}", "x"), "[output] name")
+        for extra in order.extras:
+            check_choice(extra, list(EXTRAS), "[output] extras:")
+        if order.dtype is not None:
+            check_choice(order.dtype, list(DTYPES), "[output] dtype")
+        if directory is None and Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
+            raise InputError(
+                f"[output] directory {str(order.directory)!r} leads out of the directory that the batch runs in. If "
+                "that is wanted, say it on the command line: --directory DIR."
+            )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return order
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene of a batch, and its outputs."""
+
+    scene: ListedScene
+    outputs: Outputs
+
+    def ended(self, status: str, reason: str = "", *, begun: float, **more: Any) -> Outcome:
+        """The row of the summary for this scene, processed since `begun`."""
+        seconds = round(time.perf_counter() - begun, 3)
+        inputs = ";".join(self.scene.paths)
+        return Outcome(self.scene.name, inputs, str(self.outputs.image), status, reason, seconds, **more)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of one scene: a row of the summary."""
+
+    name: str
+    inputs: str
+    output: str
+    status: str  # "done", "finished before", "to do", "no water" or "failed"
+    reason: str = ""  # why, where it failed, has no water, or is to be done again
+    seconds: float = 0.0
+    method: str = ""
+    corrected: float | None = None  # share of the pixels
+    warnings: int = 0  # how many the sidecar holds
+
+
+def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
+    """One job for each scene.
+
+    Raises InputError: two scenes would be written to one file, or an output would replace an input file.
+    """
+    jobs = []
+    made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
+    for scene in scenes:
+        image = order.directory / order.name.replace("{name}", scene.name)
+        extras: Any = {name: image.with_name(f"{image.stem}_{name}{EXTRAS[name]}") for name in order.extras}
+        jobs.append(Job(scene, Outputs(image, **made, **extras)))
+    names = Counter(path for job in jobs for path in job.outputs.every())
+    for job in jobs:
+        if twice := next((path for path in job.outputs.every() if names[path] > 1), None):
+            them = ", ".join(j.scene.paths[0] for j in jobs if twice in j.outputs.every())
+            raise InputError(
+                f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
+                "with columns path and name."
+            )
+    # what is not there yet can be no file that is read
+    if there := [path for job in jobs for path in job.outputs.every() if path.exists()]:
+        scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
+        named = [order.recipe.sample, order.recipe.mask, str(order.opening.get("sensor")), *order.reads]
+        with environment():
+            check_unread(there, {"a scene": scenes_files, "an input": named})
+    return jobs
+
+
+def state_of(job: Job) -> tuple[str, str]:
+    """Whether a scene is finished, to do, or cannot be processed because of existing files ("failed"), and why."""
+    image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
+    there = [p for p in every if p.exists()]
+    if not there:
+        return TODO, ""
+    try:
+        batch = read_json(str(sidecar), "sidecar")["batch"]
+        inputs, outputs = {i["path"]: i for i in batch["inputs"]}, batch["outputs"]
+    except (DeglintError, KeyError, TypeError):
+        return FAILED, f"{there[0]} exists and was not made by this batch"
+    if batch["request"] != job.outputs.request:
+        return FAILED, f"{image} was made by another recipe"
+    with environment():
+        if not are_as([p for name in job.scene.source for p in files_of(name)], inputs):
+            return FAILED, f"{image} was made of another state of the scene"
+    if len(there) < len(every):
+        return TODO, "was stopped while it was moved into place"
+    if changed := [p for p in every if p != sidecar and not is_as(p, outputs[p.name])]:
+        return FAILED, f"{changed[0]} is not as it was made"
+    return FINISHED, ""
+
+
+def run_batch(
+    order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
+    overwrite: bool = False, dry_run: bool = False, done: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:  # fmt: skip
+    """Remove glint from many scenes and return the outcome of each, in their order.
+
+    `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
+    divided evenly). `overwrite` recomputes outputs of another recipe or of another input; finished scenes are never
+    recomputed. `dry_run` only reports what would be done. `done` is called with the outcome of each scene at its end.
+
+    Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or
+    another batch that runs in it.
+    """
+    jobs = jobs_of(order, scenes)
+    found: dict[int, Outcome] = {}
+    todo: dict[int, Job] = {}
+
+    def ended(number: int, outcome: Outcome) -> None:
+        found[number] = outcome
+        if done is not None:
+            done(outcome)
+
+    with contextlib.ExitStack() as stack:
+        if not dry_run:  # lock the directory against other batches
+            make_directory(order.directory, parents=True)
+            check_target(order.directory / "x.tif", overwrite=True)
+            stack.enter_context(claimed(order.directory))
+        for i, job in enumerate(jobs):
+            begun = time.perf_counter()
+            status, why = state_of(job)
+            if status == FAILED:
+                status, why = (TODO, why) if overwrite else (FAILED, f"{why}. Give --overwrite to make it again")
+            if status == TODO and not dry_run:
+                todo[i] = replace(job, outputs=replace(job.outputs, overwrite=overwrite or bool(why)))
+            else:
+                ended(i, job.ended(status, why, begun=begun))
+        if todo:
+            count = min(processes, len(todo))
+            _run_jobs(todo, order, count, threads or max(1, default_threads() // count), ended)
+    return [found[i] for i in range(len(jobs))]
+
+
+def _run_jobs(
+    todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
+) -> None:
+    """Run the jobs on `count` processes of some threads each; `ended` is called with the number of each job."""
+    workers = [_Worker(order, threads) for _ in range(count)]
+    idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
+    for worker in workers:
+        idle.put(worker)
+
+    def work(job: Job) -> Outcome:
+        worker = idle.get()
+        try:
+            return worker.run(job)
+        finally:
+            idle.put(worker)
+
+    pool = ThreadPoolExecutor(count)
+    try:
+        running = {pool.submit(work, job): number for number, job in todo.items()}
+        for future in as_completed(running):
+            ended(running[future], future.result())
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for worker in workers:
+            worker.process.terminate()
+        for worker in workers:
+            worker.process.join(STOP_PATIENCE)
+            worker.process.kill()
+
+
+class _Worker:
+    """A process that runs one scene after the other; a new one is started where it has crashed."""
+
+    def __init__(self, order: Order, threads: int) -> None:
+        self._order, self._threads = order, threads
+        self.start()
+
+    def start(self) -> None:
+        """Start the process."""
+        context = get_context("spawn")  # a fork would take locks of this process's threads with it
+        self._line, theirs = context.Pipe()
+        talks = log.isEnabledFor(logging.DEBUG)
+        self.process = context.Process(target=_serve, args=(theirs, self._order, self._threads, talks))
+        self.process.start()
+        theirs.close()
+
+    def run(self, job: Job) -> Outcome:
+        """The outcome of a job; meanwhile what the worker logs is logged here."""
+        begun = time.perf_counter()
+        if not self.process.is_alive():
+            self.start()
+        try:
+            self._line.send(job)
+            while not isinstance(said := self._line.recv(), Outcome):
+                log.log(said.levelno, "%s: %s", job.scene.name, said.getMessage())
+            return said
+        except (EOFError, OSError):
+            self.process.join()
+        code = self.process.exitcode
+        why = f"its process ended with exit code {code}"
+        if code == -9:
+            why += " (SIGKILL): out of memory, perhaps; try fewer --jobs"
+        return job.ended(FAILED, why, begun=begun)
+
+
+def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
+    """Main loop of a worker: run jobs until the batch process ends it, or has ended.
+
+    It sends all its log records if it `talks`, else only those of the remaining time.
+    """
+    sent = logging.getLogger("deglint" if talks else "deglint.timing")
+    sent.setLevel(logging.INFO)
+    sent.addHandler(QueueHandler(SimpleNamespace(put_nowait=line.send)))
+    logging.raiseExceptions = False  # where the batch process has ended
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C does
+    threading.Thread(target=_watch_parent, daemon=True).start()
+    with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
+        while True:
+            line.send(_do(line.recv(), order, threads))
+
+
+def _watch_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _do(job: Job, order: Order, threads: int) -> Outcome:
+    begun = time.perf_counter()
+    try:
+        result = remove_glint(job.scene.source, job.outputs, order.recipe, **order.opening, threads=threads)
+    except NoWaterError as error:
+        return job.ended(NO_WATER, str(error), begun=begun)
+    except MemoryError:
+        return job.ended(FAILED, "out of memory. Use fewer --jobs, or a machine with more.", begun=begun)
+    except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
+        fault = "" if isinstance(error, DeglintError) else f" ({type(error).__name__}, a fault of deglint's own)"
+        return job.ended(FAILED, " ".join(str(error).split()) + fault, begun=begun)
+    tally, method = result.tally, result.fitted.model.method
+    share = tally.corrected / max(tally.total, 1)
+    return job.ended(DONE, begun=begun, method=method, corrected=share, warnings=len(result.warnings))
