@@ -54,7 +54,7 @@ def read_json(path: str, option: str) -> Mapping[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path} ({option}) is not JSON: {error}. Save it as GeoJSON again.") from error
+        raise InputError(f"{path} ({option}) is not JSON: {error}. Save it again.") from error
     if not isinstance(document, Mapping):
-        raise InputError(f"{path} ({option}) is not GeoJSON: it holds no object.")
+        raise InputError(f"{path} ({option}) does not hold a JSON object. Save it again.")
     return document

@@ -122,10 +122,11 @@ def compare(old: str, new: str, **given: Any) -> None:
     from dataclasses import asdict
 
     from deglint.raster.output import plain
+    from deglint.readers.text import read_json
 
     from ..bench.compare import compare as compared
 
-    found = compared(_read(old, "OLD.json"), _read(new, "NEW.json"))
+    found = compared(read_json(old, "OLD.json"), read_json(new, "NEW.json"))
     if given["as_json"]:
         click.echo(json.dumps(plain([asdict(change) for change in found]), indent=2))
     else:
@@ -136,16 +137,3 @@ def compare(old: str, new: str, **given: Any) -> None:
     bad = {"worse", "slower", "gone"}
     if given["fail_on"] and any(given["fail_on"] == "changed" or c.verdict in bad for c in found):
         raise click.exceptions.Exit(1)
-
-
-def _read(path: str, role: str) -> Any:
-    """The JSON in a file."""
-    from deglint.errors import InputError
-    from deglint.readers.text import read_text
-
-    try:
-        return json.loads(read_text(path, role))
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits is a plain ValueError
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path} ({role}) is not JSON: {error}. Give the file that rxdetect bench wrote.") from error

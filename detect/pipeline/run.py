@@ -36,7 +36,7 @@ from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
 from .plan import Plan, Progress, make_plan
 from .recipe import Outputs, Recipe
-from .scoring import MEANINGS, Highest, PixelCounts, Scoring
+from .scoring import MEANINGS, PixelCounts, Scoring
 from .sidecar import describe, notes_on, warnings_of
 
 log = logging.getLogger(__name__)
@@ -205,10 +205,10 @@ def _write_tiles(
     """Score and write all tiles; return counts, the highest scores, and the pixels attached to land by class."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
-    highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
+    keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, highest, bool(targets.p_value), bool(targets.flags), lines)
-    tally = PixelCounts()
+    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
+    tally, tails = PixelCounts(), list[Tail]()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
@@ -218,9 +218,10 @@ def _write_tiles(
             tally.add(scored.tally)
             for which, places in scored.beside.items():
                 beside[which].append(places)
-            if highest and scored.tail:
-                highest.add(scored.tail)
-    return tally, highest.total() if highest else None, {k: joined(v) for k, v in beside.items()}
+            tails += [scored.tail] if scored.tail else []
+            if sum(len(tail.values) for tail in tails) > 2 * keep:
+                tails = [Tail.merge(tails)]
+    return tally, Tail.merge(tails) if tails else None, {k: joined(v) for k, v in beside.items()}
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:

@@ -1,9 +1,9 @@
-"""Processing of one tile: read, mask, score, flag and count; and the highest scores of all tiles."""
+"""Processing of one tile: read, mask, score, flag and count."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,39 +65,12 @@ class Scored:
     beside: dict[int, Places] = field(default_factory=dict)
 
 
-class Highest:
-    """Highest scores of all tiles. Scores below `floor` are not among them and need not be kept."""
-
-    def __init__(self, keep: int) -> None:
-        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
-        self.floor = -np.inf
-
-    def of(self, scores: Float32) -> Tail:
-        """Tail of a tile, without scores below `floor`."""
-        valid = int(np.count_nonzero(np.isfinite(scores)))
-        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
-
-    def add(self, tail: Tail) -> None:
-        """Add the tail of a tile."""
-        self._waiting.append(tail)
-        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
-            self.total()
-
-    def total(self) -> Tail:
-        """Tail of all tiles so far."""
-        self._whole = Tail.merge([self._whole, *self._waiting])
-        self._waiting = []
-        if len(self._whole.values) == self._whole.keep:
-            self.floor = float(self._whole.values[-1])
-        return self._whole
-
-
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """Function that scores a tile, shared by the threads. Only `lines` and `highest` have a state."""
+    """Function that scores a tile, shared by the threads. Only `lines` has a state."""
 
     plan: Plan
-    highest: Highest | None = None
+    keep: int = 0  # highest scores that a tile returns
     want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
@@ -118,7 +91,7 @@ class Scoring:
         else:
             scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
         found = scores.astype(np.float32, copy=False)
-        tail = self.highest.of(found) if self.highest else None
+        tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:
             p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
@@ -148,7 +121,7 @@ class Scoring:
         scores = sea.score(block, classes, search.model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
         afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
-        tail = self.highest.of(afloat) if self.highest else None
+        tail = Tail.of(afloat, self.keep) if self.keep else None
         flags = None
         if self.want_flags:
             bits = {

@@ -1,8 +1,7 @@
-"""Read scores, truth and mask as arrays on one grid; an error states in one line why they do not fit."""
+"""Read scores, truth and mask as arrays on one grid."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,15 +12,13 @@ from deglint.errors import InputError
 from deglint.pipeline.overview import raster_of
 from deglint.readers import open_scene
 from deglint.readers.areas import open_area, polygons
+from deglint.readers.grid import same_grid
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 
 from ..arrays import Array, Int32, Mask
 from ..objects import label
 from ..roc import number_objects
-
-_OFF = 0.01
-"""Corners that lie further apart than this are of different grids [pixel]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,16 +102,12 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     for number, feature in enumerate(features, start=1):
         one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
         area = polygons(one, grid, path)
-        rows, columns = (
-            (min(max(low, 0), size), min(max(high, 0), size))
-            for (low, high), size in zip(area.bounds, (grid.height, grid.width), strict=True)
+        (top, bottom), (left, right) = (
+            np.clip(ends, 0, size).tolist() for ends, size in zip(area.bounds, out.shape, strict=True)
         )
-        touches = rows[0] < rows[1] and columns[0] < columns[1]
-        inside = area.read((rows, columns)) if touches else np.zeros((0, 0), np.bool_)
-        if not inside.any():
-            empty += 1
-            continue
-        out[rows[0] : rows[1], columns[0] : columns[1]][inside] = number
+        inside = area.read(((top, bottom), (left, right)))
+        out[top:bottom, left:right][inside] = number
+        empty += not inside.any()
     if empty:
         notes.append(f"{empty} of {len(features)} features of {path} hold no pixel's centre in the scene: left out")
     return out
@@ -122,29 +115,18 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
     """Check that a scene has the grid of the reference."""
-    if scene.shape[1:] != grid.shape[1:]:
+    if not same_grid(raster_of(scene).info, grid):
+        sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(
-            f"{name} has {scene.height} x {scene.width} pixels, {reference} has {grid.height} x {grid.width}: they "
-            "must lie on one grid. Warp one to the other, for example with rio warp --like."
+            f"{name} ({sizes[0]}) and {reference} ({sizes[1]}) must lie on one grid, of one size, place and CRS. "
+            "Warp one to the other, for example with rio warp --like."
         )
-    if scene.crs is not None and grid.crs is not None and scene.crs != grid.crs:
-        raise InputError(
-            f"{name} and {reference} have different CRS: they must lie on one grid. Warp one to the other."
-        )
-    a, b = scene.transform, grid.transform
-    if a is None or b is None:
-        return
-    off = max(math.dist(~b * (a * corner), corner) for corner in [(0, 0), (scene.width, 0), (0, scene.height)])
-    if off > _OFF:
-        raise InputError(f"{name} lies {off:.3g} pixels beside {reference}: they must lie on one grid. Warp one to the "
-                         "other.")  # fmt: skip
 
 
 def _names(paths: Sequence[str]) -> tuple[str, ...]:
     """Short names: the files' stems, or their paths where stems repeat."""
-    stems = [Path(p).stem for p in paths]
-    names = [stem if stems.count(stem) == 1 else path for stem, path in zip(stems, paths, strict=True)]
-    if len(set(names)) < len(names):
-        twice = next(n for n in names if names.count(n) > 1)
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
         raise InputError(f"SCORES {twice} is given twice: leave one out.")
-    return tuple(names)
+    stems = [Path(p).stem for p in paths]
+    return tuple(stem if stems.count(stem) == 1 else path for stem, path in zip(stems, paths, strict=True))
