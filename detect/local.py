@@ -36,8 +36,6 @@ BORDERS = ("shrink", "mirror", "shift")
 """Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
 SUMS_BANDS = 24
 """Maximum number of bands for which sums over windows are faster than rings computed one by one."""
-MOST_SUMS = 1 << 30
-"""Maximum memory for sums over windows, per thread [byte]."""
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
@@ -148,7 +146,6 @@ def score_part(
     `held` is the tile of the block; the first row and column of `part` are multiples of `CELL`. The mask is of the
     block, the flags of the part; else as `local_rx`.
     """
-    _check_memory(len(block), rule)
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
     good = np.asarray(np.isfinite(block).all(axis=0))
@@ -165,17 +162,6 @@ def score_part(
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(score_cell, part.split(CELL)))
     return scores
-
-
-def _check_memory(bands: int, rule: WindowRule) -> None:
-    """Check that the sums of a window fit into memory."""
-    sums = 1 + bands + bands * (bands + 1) // 2
-    need = 8 * (sums * CELL**2 + bands * (rule.outer + CELL) ** 2)
-    if bands <= SUMS_BANDS and need > MOST_SUMS:
-        raise InputError(
-            f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
-            f"{MOST_SUMS >> 30}. Take a smaller window, fewer bands, or rx."
-        )
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:

@@ -1,15 +1,5 @@
 """RX and related detectors: distance of a pixel from the background, relative to the background's covariance.
 
-With d = x - mean and C the covariance:
-
-===========  =====================================================================================
-rx           d^T C^-1 d (squared Mahalanobis distance)
-utd          (1 - mean)^T C^-1 d
-rx-utd       (x - 1)^T C^-1 d = rx - utd
-subspace     rx without the leading eigenvectors of C
-residual     rx of what is left of each band after regression on reference bands (the NIR, say)
-===========  =====================================================================================
-
 A `Detector` is a matrix made once from a `detect.background.Background`; `score` applies it to blocks, pixel by
 pixel, so that it needs no halo and any tiling gives the same bits. Nothing here opens a file or chooses a threshold.
 
@@ -202,7 +192,7 @@ def rx(
     ridge: float = RIDGE,
     threads: int | None = None,
 ) -> Scores:
-    """Global RX: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
+    """Global RX (Reed and Yu 1990): squared Mahalanobis distance (x - mean)' C^-1 (x - mean) from the background.
 
     Parameters
     ----------
@@ -254,13 +244,13 @@ def rx(
 
 @checked_keywords()
 def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """Uniform target detector (Ashton and Schaum 1998): likeness to a spectrum of ones; parameters as `rx`."""
+    """Uniform target detector (1 - mean)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """RX less UTD (Ashton and Schaum 1998); parameters as `rx`."""
+    """RX less UTD, (x - 1)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 

@@ -48,7 +48,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
     whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
-    return whole.background(recipe.covariance, ridge=recipe.ridge, names=plan.names)
+    return whole.background(recipe.covariance, recipe.ridge, plan.names)
 
 
 def _fit_sea(plan: Plan, search: SeaPlan) -> SeaPlan:
