@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -172,12 +173,10 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
         try:
             searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
             return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
-        except BandError as error:
-            why = str(error).split(";", 1)[0].split(". ", 1)[0]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
-            why = str(error).split(". ", 1)[0]
+            why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
     recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
@@ -191,11 +190,8 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
         return None, None
     if name.lower().endswith(".json"):
         text = read_text(name, "--background")
-        if '"background"' in text and '"covariance"' in text:
-            try:
-                return Background.from_json(text), None
-            except InputError as error:
-                raise InputError(f"{name} (--background): {error}") from error
+        if '"covariance"' in text:
+            return Background.from_json(text), None
     return None, open_area(name, scene, "--background")
 
 

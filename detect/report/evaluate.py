@@ -17,8 +17,7 @@ from deglint.readers.place import ground_area
 from ..arrays import Array
 from ..objects import Object
 from ..roc.bootstrap import Bands, bootstrap, default_grid
-from ..roc.curve import OperatingPoint, Roc
-from ..roc.delong import auc_interval, compare
+from ..roc.curve import OperatingPoint, Roc, auc_interval, compare
 from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, object_curve
 from .inputs import Inputs, read_inputs
 
