@@ -27,8 +27,7 @@ from .arrays import Array
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
-from .pipeline.fit import fit_background, fitted
-from .pipeline.plan import make_plan
+from .pipeline.plan import fit_background, fitted, make_plan
 from .pipeline.scoring import Scoring
 
 

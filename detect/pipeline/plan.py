@@ -1,10 +1,11 @@
-"""A recipe applied to one scene: bands, region to score, background and tiles."""
+"""A recipe applied to one scene: bands, region to score, tiles, and the statistics that a detector compares with."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, role_bands
+from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
 from deglint.readers.place import ground_area
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
@@ -21,10 +23,10 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from .. import sea
-from ..arrays import Mask
-from ..background import Background
+from ..arrays import Array, Mask, Uint8
+from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
-from ..rx import Detector
+from ..rx import Detector, both, detector
 from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
@@ -43,6 +45,10 @@ _OTHERS: dict[str, tuple[Any, str]] = {
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
 """Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
+_SAMPLE_BLOCK = 1024
+"""Side of the blocks that the statistics of water are fitted to [pixel]."""
+_BLOCKS = 4
+"""Number of blocks for the fit; half of their area must be water."""
 UNKNOWN_PIXEL = 10.0
 """Assumed side of a pixel where the scene has no CRS [m]."""
 
@@ -283,3 +289,67 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
         return None
     same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
     return (rule, bands) if rule.has_water and same else None
+
+
+def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
+    """Fit what the detector of a plan compares with; on threads, or by a cluster's `run`."""
+    if plan.sea is not None:
+        return replace(plan, sea=_fit_sea(plan, plan.sea))
+    if plan.recipe.kind.matrices is None:
+        return plan
+    background = plan.given or fit_background(plan, run, progress)
+    ready = detector(plan.recipe.method, background, drop=plan.recipe.drop, nir=plan.nir)
+    return replace(plan, background=background, ready=ready)
+
+
+def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
+    """Fit the background of a plan over its tiles."""
+    recipe, bands = plan.recipe, plan.bands
+    share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
+
+    def gather(tile: Tile) -> Part:
+        block = plan.scene.source.read(tile.window, list(bands))
+        area = None if plan.area is None else plan.area.read(tile.window)
+        return Part.of(block, both(plan.mask.read(plan.scene, tile), area), (tile.row0, tile.col0), share)
+
+    told = progress and partial(progress, "fit")
+    done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    return whole.background(recipe.covariance, recipe.ridge, plan.names)
+
+
+def _fit_sea(plan: Plan, search: SeaPlan) -> SeaPlan:
+    """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
+    scene, blocks, nir = plan.scene, [], []
+    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
+    if len(everything) > 1:
+        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
+    held = 0
+    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
+        block, classes = read_sea(plan, search, tile)
+        count = int(np.count_nonzero(classes == sea.WATER))
+        if not count:
+            continue
+        blocks.append((block, classes))
+        nir.append(read_nir(plan, search, tile))
+        held += count
+        if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
+            break
+    if not blocks:
+        raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
+    side = None if plan.recipe.side == "auto" else plan.recipe.side
+    return replace(search, model=sea.fit(blocks, pixel=search.pixel, side=side, nir=nir if search.nir else ()))
+
+
+def read_sea(plan: Plan, search: SeaPlan, tile: Tile) -> tuple[Array, Uint8]:
+    """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
+    block = plan.scene.source.read(tile.window, list(plan.bands))
+    valid = np.asarray(np.isfinite(block).all(axis=0))
+    mask = plan.mask.read(plan.scene, tile)
+    water = valid if mask is None else np.logical_and(mask, valid)
+    return block, sea.region(water, search.rule, valid)
+
+
+def read_nir(plan: Plan, search: SeaPlan, tile: Tile) -> Array:
+    """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
+    return plan.scene.source.read(tile.window, list(search.nir)) if search.nir else np.zeros((0, *tile.shape))

@@ -17,9 +17,8 @@ from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
 from ..threshold import Tail
-from .fit import read_nir, read_sea
 from .mark import Places
-from .plan import Plan, SeaPlan
+from .plan import Plan, SeaPlan, read_nir, read_sea
 
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
 ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
