@@ -102,7 +102,7 @@ def find_moving(
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for i, d in enumerate(density) if i not in (first, last)]
     reach = math.pi * (FASTEST * float(np.ptp(times)) / pixel) ** 2
-    if len(places[first]) * reach * density[last] * math.prod(meets) > _CHANCE:
+    if not all(map(len, places)) or len(places[first]) * reach * density[last] * math.prod(meets) > _CHANCE:
         return []
     found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel)) is not None]
     return sorted(found, key=lambda m: -m.contrast)
@@ -137,8 +137,6 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
             continue
         track, peaks = [], []
         for spots, time in zip(places, times, strict=True):
-            if not len(spots):
-                return None
             away = np.hypot(*(spots[:, :2] - (start[:2] + step * (time - times[first]))).T)
             nearest = int(np.argmin(away))
             if away[nearest] > _NEAR:

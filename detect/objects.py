@@ -75,10 +75,7 @@ class Object:
         from rasterio.features import shapes
         from rasterio.transform import Affine
 
-        (top, bottom), (left, right) = self.bounds
-        if self.footprint.all():  # most objects are a few pixels, and a call of GDAL takes 0.3 ms
-            rows, columns = (top, bottom, bottom, top, top), (left, left, right, right, left)
-            return ((tuple(zip(map(float, columns), map(float, rows), strict=True)),),)
+        (top, _bottom), (left, _right) = self.bounds
         place = Affine.translation(left, top)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -214,21 +211,19 @@ def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str,
     move : callable, optional
         Turns (column, row) corners into longitude and latitude; pixel corners as they stand where it is None.
     """
-    return {"type": "FeatureCollection", "features": [_feature(o, move or list) for o in objects]}
-
-
-def _feature(found: Object, move: Move) -> dict[str, Any]:
-    """An object as GeoJSON."""
-    polygons = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
-    kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
-    (row0, row1), (col0, col1) = found.bounds
-    properties = {
-        "label": found.label, "score_max": found.score_max, "score_mean": found.score_mean, "pixels": found.size,
-        "area_m2": found.area, "row": found.centroid[0], "column": found.centroid[1],
-        "window": [col0, row0, col1 - col0, row1 - row0],
-    }  # fmt: skip
-    geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", "id": found.label, "properties": properties, "geometry": geometry}
+    features = []
+    for o in objects:
+        rings = [[list(move(ring)) if move else list(ring) for ring in polygon] for polygon in o.outline]
+        polygons = [[_turned(ring, hole=i > 0) for i, ring in enumerate(polygon)] for polygon in rings]
+        kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
+        (row0, row1), (col0, col1) = o.bounds
+        properties = {
+            "label": o.label, "score_max": o.score_max, "score_mean": o.score_mean, "pixels": o.size, "area_m2": o.area,
+            "row": o.centroid[0], "column": o.centroid[1], "window": [col0, row0, col1 - col0, row1 - row0],
+        }  # fmt: skip
+        geometry = {"type": kind, "coordinates": coordinates}
+        features.append({"type": "Feature", "id": o.label, "properties": properties, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
 
 
 def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[float]]:

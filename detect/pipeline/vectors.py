@@ -43,7 +43,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
         marks = ",?" * len(columns)
         db.executemany(
             f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
-            [(_binary(polygons, srs, box), *(_plain(row.get(c)) for c in columns))
+            [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
              for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
         )  # fmt: skip
     db.close()
@@ -51,10 +51,6 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 def _sql_type(value: Any) -> str:
     return "INTEGER" if isinstance(value, int) else "REAL" if isinstance(value, float) else "TEXT"
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, (list, dict)) else value
 
 
 def _polygons(geometry: dict[str, Any]) -> list[Any]:
