@@ -116,7 +116,7 @@ def score(
     plan = fitted(replace(plan, given=background or plan.given))
     work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
     reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
-    step = CELL if plan.rule else 1
+    step = CELL if plan.window else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], plan.recipe.method)
 

@@ -12,7 +12,6 @@ import numpy as np
 from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
-from deglint.readers.place import ground_area
 from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
@@ -67,10 +66,9 @@ class Marker:
     def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: dict[int, Places]) -> None:
         self._plan, self._targets, self._scores, self._tail = plan, targets, scores, tail
         self._beside, self._attached = beside[sea.ALONGSIDE], beside[sea.ATTACHED]
-        recipe, scene = plan.recipe, plan.scene
-        area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
         self._options: dict[str, Any] = {
-            "min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area,
+            "min_size": plan.recipe.min_size, "merge_distance": plan.recipe.merge_distance,
+            "pixel_area": plan.pixel_area,
         }  # fmt: skip
         # kinds of objects that share the false alarms: afloat, and attached to land
         self._strata = 2 if len(self._beside[0]) else 1
@@ -82,7 +80,7 @@ class Marker:
         if recipe.threshold in ("chi2", "f") and law:
             found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
             return found.measured(tail.above(found.value), tail.n)
-        if self._plan.sea is None:
+        if self._plan.model is None:
             return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
         clutter = self._clutter
         if recipe.false_per_km2 is not None:
@@ -96,12 +94,10 @@ class Marker:
     @cached_property
     def _clutter(self) -> sea.Clutter:
         """Clutter: scores of the candidates that are not confirmed as objects."""
-        of_sea = self._plan.sea
-        assert of_sea is not None
-        assert of_sea.model is not None
-        q90, fine = of_sea.model.q90, of_sea.model.side == "both"
-        found = marking.find_among(*self._above(LOW * q90, self._beside))
-        return sea.clutter_of(self._tail, found, q90, area=self._tail.n * of_sea.area / 1e6, fine=fine)
+        model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
+        assert model is not None
+        found = marking.find_among(*self._above(LOW * model.q90, self._beside))
+        return sea.clutter_of(self._tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
@@ -122,13 +118,12 @@ class Marker:
 
     def objects(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold; on the sea in order of increasing number of false objects."""
-        of_sea = self._plan.sea
-        if of_sea is None:
+        model = self._plan.model
+        if model is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
             return [Rated(o, "anomaly", math.nan, math.nan) for o in found]
-        assert of_sea.model is not None
         clutter, share = self._clutter, self._strata
-        low = min(LOW * of_sea.model.q90, threshold.value)
+        low = min(LOW * model.q90, threshold.value)
         pixels = self._above(low, self._beside, self._attached)
         afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"

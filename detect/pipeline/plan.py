@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from ..arrays import Array, Mask, Uint8
 from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
+from ..sea import SeaModel, SeaRule
 from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
@@ -54,33 +56,12 @@ UNKNOWN_PIXEL = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class SeaPlan:
-    """Options and model of a search of the sea."""
-
-    rule: sea.SeaRule  # sizes of a pixel and of the largest floating object
-    area: float  # of a pixel [m2]; NaN where the scene has no CRS
-    nir: tuple[int, ...]  # 0-based NIR bands, which measure the glint of a pixel
-    model: sea.SeaModel | None = None  # None until it is fitted
-
-    @property
-    def pixel(self) -> float | None:
-        """Side of a pixel [m], where it is known."""
-        return self.rule.pixel if np.isfinite(self.area) else None
-
-    @property
-    def halo(self) -> int:
-        """Margin around a tile that its scores depend on [pixel]."""
-        return self.rule.halo + (self.model.halo if self.model else 0)
-
-
-@dataclass(frozen=True, eq=False)
 class Plan:
     """A recipe applied to a scene: bands, mask, background and tiles.
 
     `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
-    (None: everywhere), unless `given` holds one. `rule` is the window of local RX, `sea` the plan of a search of the
-    sea; both are None for other methods. `background` and `ready` are None until they are fitted, and for methods that
-    have no background for the whole scene.
+    (None: everywhere), unless `given` holds one. `background`, `ready` and `model` are None until they are fitted, and
+    for methods that have none.
     """
 
     scene: Scene
@@ -93,11 +74,13 @@ class Plan:
     mask: Masking
     area: Area | None
     given: Background | None
-    rule: WindowRule | None
     notes: tuple[str, ...]
-    sea: SeaPlan | None
+    window: WindowRule | None = None  # of "local"
+    sea: SeaRule | None = None  # of "sea"
+    glint: tuple[int, ...] = ()  # of "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
     background: Background | None = None
     ready: Detector | None = None
+    model: SeaModel | None = None
 
     @property
     def law(self) -> tuple[int, int] | None:
@@ -112,7 +95,12 @@ class Plan:
     @property
     def halo(self) -> int:
         """Margin around a tile that its scores depend on [pixel]."""
-        return self.rule.halo if self.rule else self.sea.halo if self.sea else 0
+        return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
+
+    @cached_property
+    def pixel_area(self) -> float | None:
+        """Area of a pixel [m2]; None where the scene has no CRS."""
+        return ground_area(self.scene.transform, self.scene.crs, self.scene.height, self.scene.width)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,18 +142,25 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
     if mask.water is not None:
         notes.append(mask.water.reason)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
-    rule = search = None
     if recipe.method == "local":
-        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
         shape = _local_shape(shape, scene, threads)
     elif recipe.method == "sea":
-        search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)
+        shape = SEA_TILE, SEA_TILE
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), search)
+    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, tuple(notes))
+    if recipe.method == "local":
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        window = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
+        return replace(plan, window=window)
+    if recipe.method == "sea":
+        pixel = math.sqrt(plan.pixel_area) if plan.pixel_area else UNKNOWN_PIXEL
+        low, high = _NIR
+        glint = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
+        return replace(plan, sea=SeaRule(pixel, *recipe.largest_object), glint=glint)
+    return plan
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
@@ -243,14 +238,6 @@ def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[in
     return rows * CELL, columns * CELL
 
 
-def _sea_plan(scene: Scene, recipe: Recipe) -> SeaPlan:
-    """Pixel size, size of floating objects, and NIR bands of a scene for a search of the sea; not yet fitted."""
-    area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
-    pixel = float(np.sqrt(area)) if area else UNKNOWN_PIXEL
-    nir = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and _NIR[0] <= b.wavelength <= _NIR[1])
-    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area or float("nan"), nir)
-
-
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     """Detector that the options ask for in place of "sea", and why; "rx" and "" where they leave the choice open."""
     for name, (usual, method) in _OTHERS.items():
@@ -294,7 +281,7 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
     """Fit what the detector of a plan compares with; on threads, or by a cluster's `run`."""
     if plan.sea is not None:
-        return replace(plan, sea=_fit_sea(plan, plan.sea))
+        return replace(plan, model=_fit_sea(plan, plan.sea))
     if plan.recipe.kind.matrices is None:
         return plan
     background = plan.given or fit_background(plan, run, progress)
@@ -318,7 +305,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     return whole.background(recipe.covariance, recipe.ridge, plan.names)
 
 
-def _fit_sea(plan: Plan, search: SeaPlan) -> SeaPlan:
+def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
     scene, blocks, nir = plan.scene, [], []
     everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
@@ -326,30 +313,31 @@ def _fit_sea(plan: Plan, search: SeaPlan) -> SeaPlan:
         everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
     held = 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
-        block, classes = read_sea(plan, search, tile)
+        block, classes = read_sea(plan, rule, tile)
         count = int(np.count_nonzero(classes == sea.WATER))
         if not count:
             continue
         blocks.append((block, classes))
-        nir.append(read_nir(plan, search, tile))
+        nir.append(read_nir(plan, tile))
         held += count
         if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
             break
     if not blocks:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
-    return replace(search, model=sea.fit(blocks, pixel=search.pixel, side=side, nir=nir if search.nir else ()))
+    pixel = rule.pixel if plan.pixel_area else None
+    return sea.fit(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
 
 
-def read_sea(plan: Plan, search: SeaPlan, tile: Tile) -> tuple[Array, Uint8]:
+def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8]:
     """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
     block = plan.scene.source.read(tile.window, list(plan.bands))
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.mask.read(plan.scene, tile)
     water = valid if mask is None else np.logical_and(mask, valid)
-    return block, sea.region(water, search.rule, valid)
+    return block, sea.region(water, rule, valid)
 
 
-def read_nir(plan: Plan, search: SeaPlan, tile: Tile) -> Array:
+def read_nir(plan: Plan, tile: Tile) -> Array:
     """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
-    return plan.scene.source.read(tile.window, list(search.nir)) if search.nir else np.zeros((0, *tile.shape))
+    return plan.scene.source.read(tile.window, list(plan.glint)) if plan.glint else np.zeros((0, *tile.shape))

@@ -18,7 +18,7 @@ from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
 from ..threshold import Tail
 from .mark import Places
-from .plan import Plan, SeaPlan, read_nir, read_sea
+from .plan import Plan, read_nir, read_sea
 
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
 ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
@@ -77,15 +77,15 @@ class Scoring:
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
         plan = self.plan
-        if plan.sea is not None:
-            return self._of_sea(tile, plan.sea)
+        if plan.sea is not None and plan.model is not None:
+            return self._of_sea(tile, plan.sea, plan.model)
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         mask = plan.mask.read(plan.scene, outer)
         states = None
-        if plan.rule is not None:
+        if plan.window is not None:
             states = np.zeros(tile.shape, np.uint8)
-            scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
+            scores = score_part(block, plan.window, outer, tile, mask, flags=states)
             block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
         else:
             scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
@@ -109,15 +109,14 @@ class Scoring:
             block = np.where(mask, block, np.nan)
         return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
 
-    def _of_sea(self, tile: Tile, search: SeaPlan) -> Scored:
+    def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
-        assert search.model is not None
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
-        block, classes = read_sea(plan, search, outer)
+        block, classes = read_sea(plan, rule, outer)
         core = tile.within(outer)
-        nir = read_nir(plan, search, outer) if search.model.glint is not None else None
-        scores = sea.score(block, classes, search.model, nir)[core]
+        nir = read_nir(plan, outer) if model.glint is not None else None
+        scores = sea.score(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
         afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
         tail = Tail.of(afloat, self.keep) if self.keep else None

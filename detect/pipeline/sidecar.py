@@ -14,7 +14,7 @@ from deglint.readers.text import read_json
 from ..local import STATES
 from ..sea import SEA_WINDOW
 from ..threshold import Threshold
-from .plan import UNKNOWN_PIXEL, Plan, SeaPlan
+from .plan import UNKNOWN_PIXEL, Plan
 from .recipe import Outputs
 from .scoring import MEANINGS, PixelCounts
 
@@ -50,7 +50,7 @@ def describe(
         "recipe": recipe,
         "background": numbers,
         "water": water.numbers() if water else None,
-        "sea": plan.sea.model.numbers() if plan.sea and plan.sea.model else None,
+        "sea": plan.model.numbers() if plan.model else None,
         "threshold": asdict(threshold) if threshold else None,
         "pixels": asdict(tally),
     }
@@ -58,7 +58,7 @@ def describe(
 
 def notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
-    notes = [*_sea_notes(plan.sea), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    notes = [*_sea_notes(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
     if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
@@ -66,16 +66,17 @@ def notes_on(plan: Plan) -> list[str]:
     return notes
 
 
-def _sea_notes(search: SeaPlan | None) -> list[str]:
+def _sea_notes(plan: Plan) -> list[str]:
     """Notes on a search of the sea; empty for other methods."""
-    if search is None or search.model is None:
+    rule, model = plan.sea, plan.model
+    if rule is None or model is None:
         return []
-    size = f"{search.rule.pixel:.3g} m" if search.pixel else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
-    what = "brighter or darker" if search.model.side == "both" else "brighter"
-    means = search.model.scales[1:]
+    size = f"{rule.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+    what = "brighter or darker" if model.side == "both" else "brighter"
+    means = model.scales[1:]
     also = f", also as means of {', '.join(map(str, means))} pixels" if means else ""
-    even = ", relative to water of the same NIR" if search.model.glint else ""
-    floats = f"{search.rule.length:g} m by {search.rule.width:g} m"
+    even = ", relative to water of the same NIR" if model.glint else ""
+    floats = f"{rule.length:g} m by {rule.width:g} m"
     return [
         f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
         f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{also}{even}",
