@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import shlex
 import tempfile
 import time
 from pathlib import Path
@@ -15,6 +14,8 @@ import click
 from deglint.cli.console import Console
 from deglint.cli.grouped import Judging
 from deglint.cli.options import FILE, names
+
+from . import command_line
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +78,7 @@ def bench(out: str, **given: Any) -> None:
         for name, reason in found.refused.items():
             log.info("%s is left out: %s", name, reason)
         seconds = time.perf_counter() - start
-        made = provenance(_command(out, effort.seeds, given), quick=given["quick"], seeds=effort.seeds,
+        made = provenance(command_line(out), quick=given["quick"], seeds=effort.seeds,
                           seconds=seconds, load=load)  # fmt: skip
         with Scratch(overwrite=given["overwrite"]) as scratch:
             write_text(scratch, targets[0], report.page(found, made))
@@ -94,13 +95,6 @@ def _wanted(only: tuple[str, ...]) -> list[str]:
         if name not in known:
             raise click.BadParameter(f"{name!r} is no method; there are {', '.join(known)}.", param_hint="--only")
     return [name for name in known if name in only or not only]
-
-
-def _command(out: str, seeds: int, given: dict[str, Any]) -> str:
-    """Command line that repeats this run."""
-    words = ["rxdetect", "bench", out, *["--quick"] * given["quick"]]
-    words += ["--only", ",".join(given["only"])] if given["only"] else []
-    return shlex.join([*words, "--seeds", str(seeds)])
 
 
 @click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -29,6 +29,8 @@ from .vectors import write_features
 
 Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
+Rated = tuple[Object, str, float, float]
+"""An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 CANDIDATES = 0.04
 """Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
 _UNKNOWN_PIERS = 3
@@ -44,16 +46,6 @@ def joined(parts: Sequence[Places]) -> Places:
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
-
-
-@dataclass(frozen=True, eq=False)
-class Rated:
-    """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
-
-    found: Object
-    kind: str
-    false_per_km2: float
-    probability: float
 
 
 class Marker:
@@ -121,7 +113,7 @@ class Marker:
         model = self._plan.model
         if model is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
-            return [Rated(o, "anomaly", math.nan, math.nan) for o in found]
+            return [(o, "anomaly", math.nan, math.nan) for o in found]
         clutter, share = self._clutter, self._strata
         low = min(LOW * model.q90, threshold.value)
         pixels = self._above(low, self._beside, self._attached)
@@ -138,8 +130,8 @@ class Marker:
         # doi:10.1111/1467-9868.00346)
         false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
         real = 1 - np.minimum.accumulate(false[::-1])[::-1]
-        rated = [
-            Rated(o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
+        rated: list[Rated] = [
+            (o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
         ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
@@ -148,10 +140,10 @@ class Marker:
         for rank, o in enumerate(beside, start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
-                rated.append(Rated(o, "alongside", rate, math.nan))
+                rated.append((o, "alongside", rate, math.nan))
         if clutter.area > 0:
-            rated.sort(key=lambda r: (r.false_per_km2, -r.found.score_top))
-        return [replace(r, found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
+            rated.sort(key=lambda r: (r[2], -r[0].score_top))
+        return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
         """Write the objects above a threshold; return their number, or None where no objects are requested."""
@@ -160,13 +152,13 @@ class Marker:
         if progress:
             progress("objects", 0, 1)
         rated = self.objects(threshold)
-        found, scene = [r.found for r in rated], self._plan.scene
+        found, scene = [o for o, *_ in rated], self._plan.scene
         chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
         moved = motions(scene, found) if self._plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
-            feature["properties"] |= _described(r, move) | motion
+            feature["properties"] |= _described(*r, move) | motion
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, self._targets.objects, document, geographic=move is not None)
@@ -175,16 +167,12 @@ class Marker:
         return len(rated)
 
 
-def _described(rated: Rated, move: Move | None) -> dict[str, Any]:
+def _described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
-    found = rated.found
-    known = math.isfinite(rated.false_per_km2)
-    score = found.score_max
-    if known:
-        score = -math.log10(max(rated.false_per_km2, 1e-300))
+    known = math.isfinite(rate)
     numbers: dict[str, Any] = {
-        "score": score, "false_per_km2": rated.false_per_km2 if known else None,
-        "probability": rated.probability if math.isfinite(rated.probability) else None, "kind": rated.kind,
+        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
+        "probability": real if math.isfinite(real) else None, "kind": kind,
     }  # fmt: skip
     length, width, angle = rectangle(found.footprint)
     bearing = None
