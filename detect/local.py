@@ -173,7 +173,9 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
     if len(block) <= SUMS_BANDS:
         _by_sums(_padded(block, good, held, cell, rule), rule, inside, scores, states)
         if rule.border == "shift":
-            states[inside & _near_edge(cell, rule)] = _DIRECT
+            rows, columns = (np.arange(*ends) for ends in cell.window)
+            near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
+            states[inside & np.logical_or.outer(*near)] = _DIRECT
     else:
         states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
@@ -219,13 +221,6 @@ def _mirrored(places: Int64, size: int) -> Int64:
     """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
     places = np.where(places < 0, -1 - places, places)
     return np.where(places >= size, 2 * size - 1 - places, places)
-
-
-def _near_edge(cell: Tile, rule: WindowRule) -> Mask:
-    """Pixels whose window reaches beyond the scene."""
-    places = [np.arange(*ends) for ends in cell.window]
-    near = [(at < rule.halo) | (at >= size - rule.halo) for at, size in zip(places, rule.size, strict=True)]
-    return np.asarray(np.logical_or.outer(*near))
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:

@@ -143,7 +143,10 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
         notes.append(mask.water.reason)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if recipe.method == "local":
-        shape = _local_shape(shape, scene, threads)
+        rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
+        while scene.height * scene.width < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
+            rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
+        shape = rows * CELL, columns * CELL
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
     elif recipe.method == "lines":
@@ -228,14 +231,6 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
     return Masking(None, look.water, role_bands(look.roles))
-
-
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
-    """Shape of tiles for local RX: multiples of its cells, small enough to occupy all threads."""
-    rows, columns = (-(-side // CELL) for side in shape)
-    while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
-        rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
-    return rows * CELL, columns * CELL
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:

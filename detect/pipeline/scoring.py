@@ -12,7 +12,7 @@ from deglint.tiles import Tile
 
 from .. import sea
 from .. import threshold as cutting
-from ..arrays import Array, Float32, Mask, Uint8
+from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
@@ -87,8 +87,12 @@ class Scoring:
             states = np.zeros(tile.shape, np.uint8)
             scores = score_part(block, plan.window, outer, tile, mask, flags=states)
             block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
-        else:
-            scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
+        elif plan.ready is not None:
+            scores = score(block, plan.ready, mask)
+        else:  # line by line, on one thread: the statistics depend on the order of the lines
+            assert self.lines is not None
+            kept = block if mask is None else np.where(mask, block, np.nan)
+            scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
         tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
@@ -101,13 +105,6 @@ class Scoring:
                 marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
-
-    def _of_lines(self, block: Array, mask: Mask | None) -> Float32:
-        """Scores line by line, on one thread: the statistics depend on the order of the lines."""
-        assert self.lines is not None
-        if mask is not None:
-            block = np.where(mask, block, np.nan)
-        return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
 
     def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""

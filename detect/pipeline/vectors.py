@@ -25,9 +25,11 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
     write_text(scratch, path.with_suffix(".qml"), style)
     rows = [row["properties"] for row in document["features"]]
-    columns = {k: _sql_type(v) for row in rows for k, v in row.items() if v is not None}
+    types = {int: "INTEGER", float: "REAL"}
+    columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
-    shapes = [_polygons(feature["geometry"]) for feature in document["features"]]
+    drawn = [feature["geometry"] for feature in document["features"]]
+    shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
     boxes = [_box(polygons) for polygons in shapes]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(place) as db:
@@ -47,15 +49,6 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
              for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
         )  # fmt: skip
     db.close()
-
-
-def _sql_type(value: Any) -> str:
-    return "INTEGER" if isinstance(value, int) else "REAL" if isinstance(value, float) else "TEXT"
-
-
-def _polygons(geometry: dict[str, Any]) -> list[Any]:
-    """Polygons of a geometry, each a list of rings."""
-    return [geometry["coordinates"]] if geometry["type"] == "Polygon" else list(geometry["coordinates"])
 
 
 def _box(polygons: list[Any]) -> tuple[float, float, float, float]:

@@ -106,9 +106,9 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
     if request.draws:
-        at = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
+        grid = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
         bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
-                          block=request.block, pfa=at)  # fmt: skip
+                          block=request.block, pfa=grid)  # fmt: skip
     found = None
     if request.per_object:
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
@@ -118,8 +118,14 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
         "operating_points": [_point(roc, r, bands, sign) for r in rates],
-        "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
+        "worst_false_alarms": [
+            {"score_max": sign * o.score_max, "pixels": o.size, "row": o.centroid[0], "column": o.centroid[1]}
+            for o in worst
+        ],
     }
+    if inputs.grid.transform is not None:
+        for alarm in numbers["worst_false_alarms"]:
+            alarm["x"], alarm["y"] = at(inputs.grid.transform, alarm["column"] + 0.5, alarm["row"] + 0.5)
     if found is not None:
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
@@ -182,15 +188,6 @@ def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[s
             asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects
         ],
     }  # fmt: skip
-
-
-def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
-    """Position and score of a false alarm."""
-    row, column = found.centroid
-    out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
-    if inputs.grid.transform is not None:
-        out["x"], out["y"] = at(inputs.grid.transform, column + 0.5, row + 0.5)
-    return out
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:

@@ -184,7 +184,10 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
     for start in range(0, draws, _DRAWS_AT_A_TIME):
         some = slice(start, min(start + _DRAWS_AT_A_TIME, draws))
         size = some.stop - some.start
-        t, b = (_times(rng, pieces.shape[0], size) @ pieces for pieces in (targets, background))
+        t, b = (
+            rng.multinomial(n, np.full(n, 1 / n), size).astype(np.float64) @ pieces
+            for n, pieces in ((pieces.shape[0], pieces) for pieces in (targets, background))
+        )
         m, n = t.sum(axis=1, keepdims=True), b.sum(axis=1, keepdims=True)
         below = np.cumsum(b, axis=1) - b / 2
         areas[some] = (t * below).sum(axis=1) / (m * n)[:, 0]
@@ -193,8 +196,3 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
             last = np.searchsorted(false[i], at * n[i] * (1 + 1e-12), side="right")
             pds[start + i] = np.append(0, found[i])[last] / m[i]
     return areas, pds
-
-
-def _times(rng: np.random.Generator, pieces: int, size: int) -> Float64:
-    """Number of times that each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
-    return rng.multinomial(pieces, np.full(pieces, 1 / pieces), size).astype(np.float64)

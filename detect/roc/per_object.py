@@ -109,9 +109,10 @@ def object_curve(
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
-    levels = np.unique(np.append(levels, _limits(roc, pfa_max)))[::-1]
-    n = len(roc.background)
-    low = roc.background.dtype.type
+    n, low = len(roc.background), roc.background.dtype.type
+    # and round values of Pfa, so that the curve goes on where no object is found
+    limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], low)
+    levels = np.unique(np.append(levels, np.nextafter(limits, low(np.inf)).astype(np.float64)))[::-1]
     false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
     return ObjectCurve(
         objects=scored,
@@ -128,13 +129,6 @@ def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | 
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
     return find(mask & ~np.isin(labels, touched), scores)
-
-
-def _limits(roc: Roc, pfa_max: float) -> Float64:
-    """Thresholds at round values of Pfa, so that the curve goes on where no object is found."""
-    rates = [r for r in RATES if 1 / len(roc.background) <= r <= pfa_max]
-    limits = np.array([roc.point(r).threshold for r in rates], roc.background.dtype)
-    return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 
 
 def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:

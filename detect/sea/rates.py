@@ -70,12 +70,10 @@ class Clutter:
         For a large and bright object the number is multiplied by the fraction of large candidates. Pass the number of
         `pixels` only for objects with the shape of a ship: slicks, shoals and clouds are large, too.
         """
-        rate = self._of_peak(score)
-        return rate * self.large_share if pixels >= self.large[0] and score > self.large[1] else rate
-
-    def _of_peak(self, score: float) -> float:
         if not self.area > 0:
             return math.nan
+        if pixels >= self.large[0] and score > self.large[1]:
+            return self.large_share * self.false_per_km2(score)
         above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
         if score <= self.low and above == len(self.peaks):
             return _MOST_RATE
@@ -88,8 +86,6 @@ class Clutter:
 
     def score_at(self, false_per_km2: float) -> float:
         """`score_top` that is exceeded by the given number of false objects per km2."""
-        if not false_per_km2 > 0:
-            raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
