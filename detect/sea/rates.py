@@ -16,10 +16,9 @@ import numpy as np
 
 from deglint.errors import FitError, InputError
 
-from .. import pareto
 from ..arrays import Array, Float64
 from ..objects import Object
-from ..threshold import Tail, Threshold, from_tail
+from ..threshold import Tail, Threshold, fit_pareto, from_tail
 
 LOW = 1.5
 """Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
@@ -130,7 +129,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
         excess = peaks[peaks > low] - low
         with suppress(FitError):
             if excess[0] < excess[-1]:
-                shape, scale, _moments = pareto.fit(excess)
+                shape, scale, _moments = fit_pareto(excess)
     rest = [o.size >= _LARGE_OBJECTS[fine] for o, known in zip(candidates, sure, strict=True) if not known]
     share = (sum(rest) + 1) / (len(rest) + 1)
     return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
