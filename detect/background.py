@@ -23,14 +23,8 @@ from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
 
-COVARIANCES = {
-    "empirical": "as it is; a pseudo-inverse where bands are constant or follow from others",
-    "ridge": "with a share of each band's own variance added to it (--ridge)",
-    "ledoit-wolf": "correlation drawn towards the identity (Ledoit and Wolf 2004)",
-    "oas": "correlation drawn towards the identity (Chen et al. 2010)",
-    "mcd": "of the core alone: minimum covariance determinant, on a sample of the scene",
-}
-"""Estimators of the covariance."""
+COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
+"""Estimators of the covariance: see `detect.covariance`."""
 RIDGE = 1e-3
 """Default share of each band's variance that `ridge` adds."""
 ROBUST_SAMPLE = 1 << 17
@@ -52,7 +46,7 @@ class Background:
     covariance : (bands, bands) ndarray
         Divided by n - 1; shrunk or robust where the rule says so.
     rule : str
-        A key of `COVARIANCES`.
+        One of `COVARIANCES`.
     shrinkage : float
         Weight of the identity in the shrunk correlation, or the added ridge.
     names : tuple of str
@@ -176,7 +170,7 @@ def fit(
     mask : (row, column) bool ndarray, optional
         True where a pixel belongs to the background.
     covariance : str
-        A key of `COVARIANCES`.
+        One of `COVARIANCES`.
     ridge : float
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str

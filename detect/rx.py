@@ -48,7 +48,6 @@ class Method:
     nir); it is None for a detector that does not compare with one background.
     """
 
-    summary: str
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
     law: bool = False  # whether scores over a normal background follow F or chi-squared
     invariant: bool = False  # whether an invertible affine map of the bands, such as a glint removal, changes no score
@@ -166,18 +165,17 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
 
 
 METHODS = {
-    "sea": Method("distance from the water around, floating objects of the sea included"),
-    "lines": Method("squared Mahalanobis distance from the lines before, one line after the other"),
-    "rx": Method("squared Mahalanobis distance", lambda _b, w, _drop, _nir: (w,), law=True, invariant=True),
-    "local": Method("squared Mahalanobis distance from the ring around the pixel (--window)", law=True, invariant=True),
-    "utd": Method("uniform target detector: likeness to a spectrum of ones",
-                  lambda b, w, _drop, _nir: (w[:0], _likeness(b, w))),
-    "rx-utd": Method("rx less utd", lambda b, w, _drop, _nir: (w, -_likeness(b, w))),
-    "subspace": Method("rx without the leading eigenvectors of the covariance (--drop)",
-                       lambda b, _w, drop, _nir: (_subspace(b.covariance, drop),), law=True),
-    "residual": Method("rx of the bands' residuals after regression on the NIR",
-                       lambda b, _w, _drop, nir: (_residual(b.covariance, nir),), law=True, invariant=True),
-}  # fmt: skip
+    "sea": Method(),
+    "lines": Method(),
+    "rx": Method(lambda _background, whiten, _drop, _nir: (whiten,), law=True, invariant=True),
+    "local": Method(law=True, invariant=True),
+    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _likeness(background, whiten))),
+    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_likeness(background, whiten))),
+    "subspace": Method(lambda background, _whiten, drop, _nir: (_subspace(background.covariance, drop),), law=True),
+    "residual": Method(
+        lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
+    ),
+}
 """All detectors; those with `matrices` compare with one background for the whole scene."""
 
 

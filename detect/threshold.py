@@ -24,13 +24,8 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = {
-    "gpd": "tail fitted to the scores",
-    "empirical": "quantile of the scores",
-    "f": "F",
-    "chi2": "chi-squared",
-}
-"""Methods that determine the threshold for --pfa."""
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")
+"""Methods that determine the threshold for --pfa: the tail fitted to the scores, their quantile, F, and chi-squared."""
 KEEP = 1 << 18
 """Default number of highest scores that a `Tail` keeps."""
 _LEAST_EXCEEDANCES = 50

@@ -48,7 +48,7 @@ class Recipe:
     pfa : float, optional
         Requested false-alarm rate per pixel.
     threshold : str
-        A key of `detect.threshold.THRESHOLDS`.
+        One of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
         Requested number of false objects per km2 of sea, instead of pfa; for "sea".
     largest_object : (float, float)
