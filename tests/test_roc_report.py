@@ -227,7 +227,7 @@ def test_objects_nobody_could_see_are_neither_found_nor_missed(files, rxdetect):
     said = json.loads(ran.out)["detectors"][0]
     assert said["objects"]["unseen"] == [4, 5, 6]
     assert all(p["objects"] == 3 for p in said["operating_points"])
-    assert "3 objects have no valid pixel" in ran.err
+    assert "objects without a valid pixel, neither found nor missed: 3" in ran.err
 
 
 def shifted(name, **how):

@@ -103,7 +103,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     ReadError
         A file cannot be read.
     """
-    inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
+    inputs = read_inputs(request)
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
     tell = progress or (lambda *_: None)
     judged = []
@@ -122,11 +122,9 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
-def read_inputs(
-    scores: Sequence[str], truth: str, mask: str | None = None, *, lower: bool = False, connected: bool = False
-) -> Inputs:
+def read_inputs(request: Request) -> Inputs:
     """Read score rasters, and truth from a raster or a GeoJSON file."""
-    notes: list[str] = []
+    scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
         _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
@@ -139,13 +137,13 @@ def read_inputs(
     reasons = {"not valid in the truth": known}
     reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
     reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
-    if mask is not None:
+    if request.mask is not None:
         whole = (0, scenes[0].height), (0, scenes[0].width)
-        reasons["outside the mask"] = open_area(mask, scenes[0], "--mask").read(whole)
+        reasons["outside the mask"] = open_area(request.mask, scenes[0], "--mask").read(whole)
     left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
     valid = np.logical_and.reduce([known, *reasons.values()])
-    turned = tuple(-array for array in arrays) if lower else tuple(arrays)
-    objects = number_objects(marks, connected=connected)
+    turned = tuple(-array if request.lower else array for array in arrays)
+    objects = number_objects(marks, connected=request.connected)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
     if parts > many:  # a number may be a class of objects
         notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
@@ -229,7 +227,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     if request.per_object:
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
-    square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
+    square_km = np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
     worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
@@ -273,31 +271,25 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
     """Threshold, and fractions of detected pixels, at a false-alarm rate."""
     point = roc.point(rate)
-    out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
-    if bands is not None:
-        at = int(np.argmin(np.abs(bands.pfa - rate)))
-        out |= {"pd_low": bands.low[at], "pd_high": bands.high[at]}
-    return out
+    low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
+    return asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high}
 
 
-def _called(
-    threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float | None
-) -> dict[str, Any]:
+def _called(threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float) -> dict[str, Any]:
     """Objects found and false alarms at a threshold."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
     return {
         "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
-        "false_alarms": alarms, "false_alarms_per_km2": None if square_km is None else alarms / square_km,
+        "false_alarms": alarms, "false_alarms_per_km2": alarms / square_km,
     }  # fmt: skip
 
 
-def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[str, Any]:
+def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
     """Every object, and how many are found at how many false alarms."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
-            "false_alarms": found.false_alarms,
-            "false_alarms_per_km2": None if square_km is None else found.false_alarms / square_km,
+            "false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km,
         },
         "unseen": list(found.unseen),
         "table": [
@@ -338,6 +330,5 @@ def _notes(judged: Sequence[Judged]) -> list[str]:
     for j in judged:
         out += j.bands.notes if j.bands is not None else ()
         if j.objects is not None and (many := len(j.objects.unseen)):
-            verbs = ("s have", "") if many > 1 else (" has", "s")
-            out.append(f"{many} object{verbs[0]} no valid pixel, and count{verbs[1]} neither as found nor as missed")
+            out.append(f"objects without a valid pixel, neither found nor missed: {many}")
     return list(dict.fromkeys(out))
