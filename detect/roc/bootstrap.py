@@ -30,7 +30,6 @@ _LEVELS = 1024
 _FEW_OBJECTS = 10
 _LEVEL = 0.95
 _DRAWS_AT_A_TIME = 100
-_DENSE = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,17 +166,11 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
     target = ok & (objects != 0)
     names, which = np.unique(objects[target], return_inverse=True)
     at = np.searchsorted(levels, scores[target], side="right")
-    targets = coo_array((np.ones(len(at), np.int64), (which, at)), shape=(len(names), bins)).tocsr()
-    return _dense(targets), _dense(vstack(background, format="csr"))
+    targets = coo_array((np.ones(len(at)), (which, at)), shape=(len(names), bins)).tocsr()
+    return targets, vstack(background, format="csr").astype(np.float64)
 
 
-def _dense(counts: Any) -> Any:
-    """Few pieces as a plain array, which is multiplied faster; many stay sparse, for memory."""
-    counts = counts.astype(np.float64)
-    return counts.toarray() if counts.shape[0] * counts.shape[1] <= _DENSE else counts
-
-
-def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
+def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
     """Area and Pd at each Pfa for every draw."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
