@@ -29,8 +29,6 @@ RIDGE = 1e-3
 """Default share of each band's variance that `ridge` adds."""
 ROBUST_SAMPLE = 1 << 17
 """Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
-THREADED_VALUES = 1 << 23
-"""Number of values from which an array in memory is processed by several threads by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,7 @@ def fit(
     names : sequence of str
         Band names to store in the background.
     threads : int, optional
-        By default all processors for large images, at most OMP_NUM_THREADS. The result does not depend on it.
+        By default all processors, at most OMP_NUM_THREADS. The result does not depend on it.
 
     Returns
     -------
@@ -207,7 +205,7 @@ def fit(
         inside = None if mask is None else mask[rows]
         return Part.of(image[:, rows], inside, (row, 0), share)
 
-    with ThreadPoolExecutor(threads or default_threads(image)) as pool:
+    with ThreadPoolExecutor(threads or default_threads()) as pool:
         parts = list(pool.map(part, range(0, image.shape[1], CELL)))
     return Part.merge(parts).background(covariance, ridge, names)
 
@@ -262,13 +260,8 @@ def check_rule(covariance: str, ridge: float) -> None:
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
-def default_threads(image: Array) -> int:
-    """Number of threads for an array in memory: one if it is small, else all available processors.
-
-    OMP_NUM_THREADS is an upper limit, as for the matrix products.
-    """
-    if image.size < THREADED_VALUES:
-        return 1
+def default_threads() -> int:
+    """Number of threads for an array in memory: all processors, at most OMP_NUM_THREADS, as for matrix products."""
     limit, processors = os.environ.get("OMP_NUM_THREADS", ""), tiles.default_threads()
     return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
 

@@ -202,7 +202,7 @@ def rx(
     covariance, ridge
         As `detect.background.fit`.
     threads : int, optional
-        All processors for large images, or as few as OMP_NUM_THREADS says; the result does not depend on it.
+        As `detect.background.fit`.
 
     Returns
     -------
@@ -281,7 +281,7 @@ def _run(
     """Fit a background where none is given, and score the image."""
     image = as_image(image)
     mask = as_mask(mask, image)
-    threads = threads or default_threads(image)
+    threads = threads or default_threads()
     if not isinstance(background, Background):
         inside = both(as_mask(background, image), mask)
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)

@@ -85,8 +85,7 @@ class Roc:
         scores, truth = np.asarray(scores), np.asarray(truth)
         ok = usable(scores, truth, valid)
         target = truth != 0
-        whole = scores.dtype.kind in "iub" and scores.itemsize < 8  # of 64 bits, not all are numbers of float64
-        kept = scores.astype(np.float64) if whole else scores
+        kept = scores.astype(np.float64) if scores.dtype.kind in "iub" else scores
         targets, background = (np.sort(kept[part]) for part in (ok & target, ok & ~target))
         left_out = scores.size - targets.size - background.size
         _check(targets, background, left_out)
