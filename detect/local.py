@@ -110,11 +110,6 @@ def local_rx(
     InputError
         A window that is not odd, too large for its border rule, or shapes that do not fit.
 
-    Notes
-    -----
-    Where the ring's covariance has not full rank, the Moore-Penrose inverse is taken and the pixel is flagged. For few
-    bands B, about B^2 multiplications a pixel; for many, as many as (pixels of the ring) x B x min(B, pixels).
-
     Examples
     --------
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))

@@ -215,11 +215,6 @@ def rx(
     FitError, InputError
         As `detect.background.fit`.
 
-    Notes
-    -----
-    Does not change under any invertible affine map of the bands; so not under a glint removal that subtracts a multiple
-    of the NIR from each band and leaves the NIR in the stack.
-
     Examples
     --------
     >>> import numpy as np
