@@ -6,8 +6,6 @@ Tiles are scored by the same functions as in `rxdetect score`, so the scores are
 no files.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

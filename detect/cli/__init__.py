@@ -1,7 +1,5 @@
 """The command `rxdetect`: one module a command, loaded when it is called."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from typing import NoReturn

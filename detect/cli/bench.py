@@ -1,7 +1,5 @@
 """`rxdetect bench`: measure every removal method; `rxdetect bench compare`: what changed between two runs."""
 
-from __future__ import annotations
-
 import json
 import logging
 import tempfile

@@ -1,7 +1,5 @@
 """`rxdetect roc`: scores and truth in, a ROC report out."""
 
-from __future__ import annotations
-
 import json
 import logging
 import time

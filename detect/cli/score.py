@@ -1,7 +1,5 @@
 """`rxdetect score`: from a raster to a raster of scores, a threshold, and objects."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Chips: a small picture of every object with the raw scene, the scored scene and the scores side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Positions and motion of objects on the ground: longitude and latitude, distances, bearings, speeds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Threshold and objects from a written score raster: detected pixels, their sizes and false-alarm rates, and files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Options of `rxdetect score` as frozen values: processing and output files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

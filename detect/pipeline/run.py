@@ -1,7 +1,5 @@
 """All steps of `rxdetect score`: fit the background, score the tiles, find the threshold, mark objects, write files."""
 
-from __future__ import annotations
-
 import logging
 import os
 import time

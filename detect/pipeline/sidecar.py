@@ -1,7 +1,5 @@
 """Sidecar of a score raster: versions, inputs, options, decisions and results."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

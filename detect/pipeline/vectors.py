@@ -1,7 +1,5 @@
 """Write objects as GeoJSON, or as GeoPackage with a style for QGIS; coordinates are longitude and latitude (WGS 84)."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from importlib.resources import files

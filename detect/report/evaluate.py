@@ -1,7 +1,5 @@
 """Compare score rasters with truth on one grid: all results of the report as plain numbers and text."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """The report as text, and as one HTML page (jinja2, matplotlib) without scripts or external files."""
 
-from __future__ import annotations
-
 import math
 import os
 import platform
