@@ -153,9 +153,8 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
 
 def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
     """Least squares fit of a uniform motion to places, (band, 2) [pixel]."""
-    design = np.stack([np.ones_like(times), times], axis=1)
-    fit, *_ = np.linalg.lstsq(design, track, rcond=None)
-    error = float(np.sqrt(((track - design @ fit) ** 2).sum(axis=1).mean()))
-    (row, column), (down, across) = fit
-    heading = math.degrees(math.atan2(across, -down)) % 360
-    return Mover(float(row), float(column), float(math.hypot(down, across) * pixel), heading, error, float(least))
+    step, place = np.polyfit(times, track, 1)
+    error = float(np.sqrt(((track - place - np.outer(times, step)) ** 2).sum(axis=1).mean()))
+    heading = math.degrees(math.atan2(step[1], -step[0])) % 360
+    row, column = place.tolist()
+    return Mover(row, column, math.hypot(*step) * pixel, heading, error, float(least))

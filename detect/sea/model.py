@@ -25,7 +25,7 @@ from deglint.morphology import grown
 
 from ..arrays import Array, Float32, Float64, Mask
 from ..covariance import whitener
-from .region import ALONGSIDE, RIM, WATER, Classes
+from .region import RIM, WATER, Classes
 
 SIDES = ("bright", "both")
 """Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
@@ -201,17 +201,14 @@ class _State:
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
         self.sea = (classes > 0) & valid
-        water = ((classes == WATER) | (classes == RIM)) & valid
+        self.water = ((classes == WATER) | (classes == RIM)) & valid
         self.open = (classes == WATER) & valid
-        self.shore = classes == ALONGSIDE
         x = (np.asarray(block, np.float32) - model.centre[:, None, None]) / model.spread[:, None, None]
-        x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
-        self.x = x
+        self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
-        self.water = water
         # there are no statistics yet: exclude pixels as bright as land
-        self.used = water & (np.abs(self.means[-1]) < 30).all(axis=0)
+        self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
         """Mean of the used water within the window, (band, row, column), and number of its pixels, (row, column)."""
