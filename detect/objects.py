@@ -172,24 +172,14 @@ def _top(part: Int32, scores: Array) -> Float64:
 
 
 def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
-    """Number of the part that each pixel belongs to."""
+    """Number of the part that each pixel belongs to; corners connect."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
-    reach = max(math.floor(distance), 1)
-    width = int(columns.max()) + 1 + reach  # with a margin, so that no offset reaches the next row
-    place = rows * width + columns
-    pairs = []
-    for down, right in [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]:
-        if down * down + right * right > max(distance * distance, 2):
-            continue
-        wanted = place + (down * width + right)
-        wanted[columns + right < 0] = -1
-        at = np.searchsorted(place, wanted).clip(max=len(place) - 1)
-        meets = np.flatnonzero(place[at] == wanted)
-        pairs.append(np.stack([meets, at[meets]]))
-    a, b = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(len(rows), len(rows)))
+    tree = cKDTree(np.stack([rows, columns], axis=1), balanced_tree=False, compact_nodes=False)
+    pairs = tree.query_pairs(max(distance, 1.5), output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), np.bool_), pairs.T), shape=(len(rows), len(rows)))
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
