@@ -195,27 +195,16 @@ def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
-    halo = rule.halo
-    window = Tile(cell.row0 - halo, cell.row1 + halo, cell.col0 - halo, cell.col1 + halo)
-    x = np.zeros((1 + len(block), *window.shape))
-    if rule.border == "mirror":
-        rows, columns = (_mirrored(np.arange(*ends), n) for ends, n in zip(window.window, rule.size, strict=True))
-        source: Any = np.ix_(rows - held.row0, columns - held.col0)
-        inside = x
-    else:  # what lies outside the scene stays 0
-        seen = cell.grown(halo, *rule.size)
-        source, inside = seen.within(held), x[seen.within(window)]
-    inside[0] = known = good[source]
-    for band, out in zip(block, inside[1:], strict=True):
+    seen = cell.grown(rule.halo, *rule.size)
+    source = seen.within(held)
+    x = np.zeros((1 + len(block), *seen.shape))
+    x[0] = known = good[source]
+    for band, out in zip(block, x[1:], strict=True):
         few = band[source][::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
         np.subtract(band[source], np.median(few) if few.size else 0.0, out=out, where=known)
-    return x
-
-
-def _mirrored(places: Int64, size: int) -> Int64:
-    """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
-    places = np.where(places < 0, -1 - places, places)
-    return np.where(places >= size, 2 * size - 1 - places, places)
+    above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
+    beyond = ((0, 0), (above, below), (left, right))
+    return np.pad(x, beyond, mode="symmetric") if rule.border == "mirror" else np.pad(x, beyond)
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
@@ -252,7 +241,10 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
     if border == "shift":
         first = min(max(first, 0), size - side)
     places = np.arange(first, first + side)
-    return _mirrored(places, size) if border == "mirror" else places[(places >= 0) & (places < size)]
+    if border == "mirror":  # the pixel at the edge comes twice
+        places %= 2 * size
+        return np.minimum(places, 2 * size - 1 - places)
+    return places[(places >= 0) & (places < size)]
 
 
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:

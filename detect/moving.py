@@ -110,19 +110,14 @@ def find_moving(
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
     """Row and column (means weighted by contrast) and peak of every detection, (detection, 3)."""
+    from scipy import ndimage
+
     from .objects import label
 
-    parts = label((contrasts > _SIGMA) & sea)
-    count = int(parts.max()) + 1
-    at = parts.ravel()
-    rows, columns = np.divmod(np.arange(at.size), contrasts.shape[1])
-    inside = at > 0
-    at, weight = at[inside], contrasts.ravel()[inside].astype(np.float64)
-    total = np.bincount(at, weight, count)[1:]
-    row, column = (np.bincount(at, weight * x[inside], count)[1:] / total for x in (rows, columns))
-    peak = np.zeros(count)
-    np.maximum.at(peak, at, weight)
-    return np.stack([row, column, peak[1:]], axis=1)
+    parts, weight = label((contrasts > _SIGMA) & sea), contrasts.astype(np.float64)
+    index = np.arange(1, parts.max() + 1)
+    places = np.reshape(ndimage.center_of_mass(weight, parts, index), (-1, 2))
+    return np.column_stack([places, ndimage.maximum(weight, parts, index)])
 
 
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:

@@ -140,13 +140,12 @@ def find_among(
         raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
     if not len(rows):
         return []
-    part, kept = _joined(rows, columns, merge_distance), scores > above
-    top = _top(part, scores)
-    rows, columns, part, values = rows[kept], columns[kept], part[kept], scores[kept].astype(np.float64)
-    parts = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]) if len(part) else []
-    large = [own for own in parts if len(own) >= min_size]
+    part, kept, values = _joined(rows, columns, merge_distance), scores > above, scores.astype(np.float64)
+    groups = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
+    large = [(own, group) for group in groups if len(own := group[kept[group]]) >= min_size]
     out = []
-    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
+    for number, (own, group) in enumerate(sorted(large, key=lambda o: (-values[o[0]].max(), o[0][0])), start=1):
+        highest = np.sort(values[group])[: -_FOOTPRINT - 1 : -1]
         down, across = rows[own], columns[own]
         row, left = int(down.min()), int(across.min())
         footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
@@ -156,19 +155,9 @@ def find_among(
             area=None if pixel_area is None else len(own) * pixel_area,
             centroid=(float(down.mean()), float(across.mean())),
             bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=float(top[part[own[0]]]), scores=values[own],
+            score_top=math.sqrt((highest**2).sum() / _FOOTPRINT), scores=values[own],
         ))  # fmt: skip
     return out
-
-
-def _top(part: Int32, scores: Array) -> Float64:
-    """Root mean square of the highest scores of each part."""
-    order = np.lexsort((-scores, part))
-    counts = np.bincount(part)
-    place = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
-    first = order[place < _FOOTPRINT]
-    squares = np.square(scores[first].astype(np.float64))
-    return np.asarray(np.sqrt(np.bincount(part[first], squares, len(counts)) / _FOOTPRINT))
 
 
 def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
