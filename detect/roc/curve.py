@@ -104,13 +104,9 @@ class Roc:
         _, counts, below, upto = self._steps
         n, m = len(self.background), len(self.targets)
         reached = np.cumsum(counts[::-1])
-        false = np.empty(2 * len(counts) + 2, np.int64)
-        found = np.empty_like(false)
-        false[0] = found[0] = 0
-        false[1:-1:2], false[2:-1:2] = n - upto[::-1], n - below[::-1]
-        found[1:-1:2], found[2:-1:2] = reached - counts[::-1], reached
-        false[-1], found[-1] = n, m
-        return false / n, found / m
+        false = np.column_stack([n - upto[::-1], n - below[::-1]]).ravel()
+        found = np.column_stack([reached - counts[::-1], reached]).ravel()
+        return np.concatenate([[0], false, [n]]) / n, np.concatenate([[0], found, [m]]) / m
 
     @cached_property
     def auc(self) -> float:

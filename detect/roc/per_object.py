@@ -109,18 +109,18 @@ def object_curve(
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
-    n, low = len(roc.background), roc.background.dtype.type
+    n, own = len(roc.background), roc.background.dtype.type
     # and round values of Pfa, so that the curve goes on where no object is found
-    limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], low)
-    levels = np.unique(np.append(levels, np.nextafter(limits, low(np.inf)).astype(np.float64)))[::-1]
-    false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
+    limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], own)
+    levels = np.unique(np.append(levels, np.nextafter(limits, own(np.inf)).astype(np.float64)))[::-1]
+    exact = levels.astype(own)
     return ObjectCurve(
         objects=scored,
         unseen=tuple(int(i) for i in unseen),
         thresholds=levels,
         found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
-        false_alarms=np.array([count_false_alarms(scores >= low(t), objects, ok) for t in levels], np.int64),
-        pfa=np.array(false) / n,
+        false_alarms=np.array([count_false_alarms(scores >= t, objects, ok) for t in exact], np.int64),
+        pfa=(n - np.searchsorted(roc.background, exact)) / n,
     )
 
 
