@@ -171,14 +171,14 @@ def test_what_is_not_valid_is_left_out_and_counted():
 @pytest.mark.parametrize(
     ("scores", "truth", "said"),
     [
-        ([1.0, 2], [0, 0], "marks no target among 2 valid pixels"),
-        ([1.0, 2], [1, 1], "marks all 2 valid pixels as targets"),
+        ([1.0, 2], [0, 0], "got 0 and 2 valid pixels"),
+        ([1.0, 2], [1, 1], "got 2 and 0 valid pixels"),
         ([1.0, 1], [0, 1], "all 2 scores are 1: they tell nothing apart"),
-        ([np.nan, np.nan], [0, 1], r"no valid pixel to score \(2 pixels that are not valid"),
-        ([1.0, np.nan], [0, 1], r"no target among 1 valid pixels \(1 pixels"),
+        ([np.nan, np.nan], [0, 1], r"got 0 and 0 valid pixels \(2 left out"),
+        ([1.0, np.nan], [0, 1], r"got 0 and 1 valid pixels \(1 left out"),
         ([1.0, np.inf], [0, 1], "infinity"),
         ([1.0, 2, 3], [0, 1], "one shape"),
-        ([], [], "no valid pixel"),
+        ([], [], "got 0 and 0 valid pixels"),
     ],
 )
 def test_refusals_are_one_line(scores, truth, said):

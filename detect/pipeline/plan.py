@@ -276,7 +276,8 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
     """Fit what the detector of a plan compares with; on threads, or by a cluster's `run`."""
     if plan.sea is not None:
-        return replace(plan, model=_fit_sea(plan, plan.sea))
+        model = _fit_sea(plan, plan.sea)
+        return replace(plan, model=model, glint=plan.glint if model.glint else ())
     if plan.recipe.kind.matrices is None:
         return plan
     background = plan.given or fit_background(plan, run, progress)
@@ -308,12 +309,12 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
         everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
     held = 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
-        block, classes = read_sea(plan, rule, tile)
+        block, classes, shown = read_sea(plan, rule, tile)
         count = int(np.count_nonzero(classes == sea.WATER))
         if not count:
             continue
         blocks.append((block, classes))
-        nir.append(read_nir(plan, tile))
+        nir.append(shown)
         held += count
         if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
             break
@@ -324,15 +325,11 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     return sea.fit(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
 
 
-def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8]:
-    """Pixels of a tile, (band, row, column), and their classes, (row, column), from `detect.sea.region`."""
-    block = plan.scene.source.read(tile.window, list(plan.bands))
+def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
+    """Pixels of a tile, (band, row, column), their classes from `detect.sea.region`, and the NIR that shows glint."""
+    values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
+    block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.mask.read(plan.scene, tile)
     water = valid if mask is None else np.logical_and(mask, valid)
-    return block, sea.region(water, rule, valid)
-
-
-def read_nir(plan: Plan, tile: Tile) -> Array:
-    """NIR of a tile, (band, row, column); no bands where the scene has no NIR."""
-    return plan.scene.source.read(tile.window, list(plan.glint)) if plan.glint else np.zeros((0, *tile.shape))
+    return block, sea.region(water, rule, valid), nir

@@ -18,7 +18,7 @@ from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
 from ..threshold import Tail
 from .mark import Places
-from .plan import Plan, read_nir, read_sea
+from .plan import Plan, read_sea
 
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
 ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
@@ -110,9 +110,8 @@ class Scoring:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
-        block, classes = read_sea(plan, rule, outer)
+        block, classes, nir = read_sea(plan, rule, outer)
         core = tile.within(outer)
-        nir = read_nir(plan, outer) if model.glint is not None else None
         scores = sea.score(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
         afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)

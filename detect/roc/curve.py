@@ -274,13 +274,12 @@ def _check_pfa(pfa: float) -> None:
 
 def _check(targets: Array, background: Array, left_out: int) -> None:
     """Check that scores give a curve."""
-    aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
-    if not len(targets) + len(background):
-        raise InputError(f"no valid pixel to score{aside}. Check nodata, the mask and the truth.")
-    if not len(targets):
-        raise InputError(f"truth marks no target among {len(background)} valid pixels{aside}. Mark targets by not 0.")
-    if not len(background):
-        raise InputError(f"truth marks all {len(targets)} valid pixels as targets{aside}. Mark background by 0.")
+    if not (len(targets) and len(background)):
+        aside = f" ({left_out} left out as not valid)" if left_out else ""
+        raise InputError(
+            f"a curve needs targets (truth is not 0) and background (truth is 0), got {len(targets)} and "
+            f"{len(background)} valid pixels{aside}. Check nodata, the mask and the truth."
+        )
     low, high = min(targets[0], background[0]), max(targets[-1], background[-1])
     if not (np.isfinite(low) and np.isfinite(high)):
         raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")

@@ -94,16 +94,9 @@ def object_curve(
     valid : (row, column) ndarray of bool, optional
     pfa_max : float
         Thresholds of a higher pixel Pfa are not looked at: false alarms run into one another there.
-
-    Raises
-    ------
-    InputError
-        No object has a valid pixel.
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
-    if not scored:
-        raise InputError("truth marks no object with a valid pixel: mark each by a number of its own, or by 1.")
     unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored])
     every = np.array([o.score_max for o in scored])
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
