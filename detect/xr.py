@@ -103,15 +103,10 @@ def score(
     recipe = _recipe(recipe)
     if recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
-    if background is not None and background.names and not recipe.bands:
-        recipe = replace(recipe, bands=background.names)
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if background is None or recipe.mask == "water":  # else nothing is computed yet
         opened = replace(opened, scene=settled(opened.scene))
-    plan = make_plan(opened.scene, recipe, threads or default_threads())
-    if background is not None and plan.recipe.kind.matrices and background.bands != len(plan.bands):
-        raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
-    plan = fitted(replace(plan, given=background or plan.given))
+    plan = fitted(make_plan(opened.scene, recipe, threads or default_threads(), background))
     work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
     reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
     step = CELL if plan.window else 1

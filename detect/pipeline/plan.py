@@ -127,10 +127,10 @@ class Masking:
         return np.asarray(found[tile.within(outer)])
 
 
-def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene."""
+def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
+    """Choose detector, bands, mask and tiles for a scene; `given` is a background that was fitted before."""
     recipe, mask, notes = _chosen(scene, recipe, threads)
-    given, area = _background(scene, recipe)
+    given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
     if recipe.method == "residual":
