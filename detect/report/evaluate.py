@@ -112,11 +112,26 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
     tell("judge", len(judged), len(judged))
-    numbers = _scene_numbers(inputs, judged[0].roc, area) | {
+    grid, roc, notes = inputs.grid, judged[0].roc, list(inputs.notes)
+    for j in judged:
+        notes += j.bands.notes if j.bands is not None else ()
+        if j.objects is not None and j.objects.unseen:
+            notes.append(f"objects without a valid pixel, neither found nor missed: {len(j.objects.unseen)}")
+    n = len(roc.targets) + len(roc.background)
+    numbers = {
+        "scene": {
+            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
+            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
+        },
+        "pixels": {
+            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
+            "left_out": dict(inputs.left_out),
+            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
+        },
         "detectors": [j.numbers for j in judged],
         "comparisons": [_comparison(a, b, inputs) for a, b in combinations(judged, 2)],
-        "notes": [*inputs.notes, *_notes(judged)],
-    }
+        "notes": list(dict.fromkeys(notes)),
+    }  # fmt: skip
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
@@ -303,30 +318,3 @@ def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
         low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))
     test = compare(a.scores, b.scores, inputs.objects, inputs.valid)
     return asdict(test) | {"first": a.name, "second": b.name, "bootstrap_low": low, "bootstrap_high": high}
-
-
-def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, Any]:
-    """The scene, and its pixels."""
-    grid = inputs.grid
-    n = len(roc.targets) + len(roc.background)
-    return {
-        "scene": {
-            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
-            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
-        },
-        "pixels": {
-            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
-            "left_out": dict(inputs.left_out),
-            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
-        },
-    }  # fmt: skip
-
-
-def _notes(judged: Sequence[Judged]) -> list[str]:
-    """Warnings for the reader, without repetition."""
-    out: list[str] = []
-    for j in judged:
-        out += j.bands.notes if j.bands is not None else ()
-        if j.objects is not None and (many := len(j.objects.unseen)):
-            out.append(f"objects without a valid pixel, neither found nor missed: {many}")
-    return list(dict.fromkeys(out))

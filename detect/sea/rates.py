@@ -137,10 +137,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 def _without(tail: Tail, taken: Array) -> Tail:
     """Remove scores from a tail; each value is removed as often as it is in `taken`."""
-    kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
-    values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)
-    of_taken = np.zeros(len(values), np.int64)
-    where, gone = np.unique(kept.astype(tail.values.dtype), return_counts=True)
-    of_taken[np.searchsorted(values, where)] = gone
-    left = np.repeat(values, np.maximum(counts - 2 * of_taken, 0))[::-1]
-    return Tail(tail.n - len(taken), left, tail.keep)
+    ascending = tail.values[::-1]
+    gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
+    at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
+    return Tail(tail.n - len(taken), np.delete(ascending, at)[::-1], tail.keep)
