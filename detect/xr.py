@@ -108,7 +108,7 @@ def score(
         opened = replace(opened, scene=settled(opened.scene))
     plan = fitted(make_plan(opened.scene, recipe, threads or default_threads(), background))
     work = Scoring(replace(plan, scene=detached(opened.scene), tiles=[]))
-    reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
+    reach = plan.halo + (plan.water[0].halo if plan.water else 0)
     step = CELL if plan.window else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], plan.recipe.method)

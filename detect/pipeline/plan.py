@@ -32,6 +32,8 @@ from ..sea import SeaModel, SeaRule
 from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
+Water = tuple[WaterRule, tuple[int, ...]]
+"""How water is found, and 0-based bands of the scene that this takes."""
 SEA_TILE = 1024
 """Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""
 _STRIP_LINES = 64
@@ -71,7 +73,8 @@ class Plan:
     tiles: list[Tile]
     shape: tuple[int, int]
     threads: int
-    mask: Masking
+    mask: Area | None  # where to score
+    water: Water | None  # where to score, too
     area: Area | None
     given: Background | None
     notes: tuple[str, ...]
@@ -107,29 +110,20 @@ class Plan:
         """Names of the bands in use."""
         return tuple(self.scene.names[b] for b in self.bands)
 
-
-@dataclass(frozen=True, eq=False)
-class Masking:
-    """Region to score: everywhere, inside an area, or water."""
-
-    area: Area | None = None
-    water: WaterRule | None = None
-    water_bands: tuple[int, ...] = ()
-
-    def read(self, scene: Scene, tile: Tile) -> Mask | None:
-        """Mask of a tile, (row, column) bool; None: everywhere."""
-        if self.area is not None:
-            return self.area.read(tile.window)
+    def read_mask(self, tile: Tile) -> Mask | None:
+        """Where to score in a tile, (row, column) bool; None: everywhere."""
+        if self.mask is not None:
+            return self.mask.read(tile.window)
         if self.water is None:
             return None
-        outer = tile.grown(self.water.halo, scene.height, scene.width)
-        found = water(scene.source.read(outer.window, list(self.water_bands)), self.water)
-        return np.asarray(found[tile.within(outer)])
+        rule, bands = self.water
+        outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
+        return np.asarray(water(self.scene.source.read(outer.window, list(bands)), rule)[tile.within(outer)])
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
     """Choose detector, bands, mask and tiles for a scene; `given` is a background that was fitted before."""
-    recipe, mask, notes = _chosen(scene, recipe, threads)
+    recipe, (mask, sea_mask), notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
@@ -139,8 +133,8 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         if not set(found) <= set(bands):
             raise BandError("residual needs the NIR among the bands in use: name it with -b, too.")
         nir = tuple(bands.index(b) for b in found)
-    if mask.water is not None:
-        notes.append(mask.water.reason)
+    if sea_mask is not None:
+        notes.append(sea_mask[0].reason)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
     if recipe.method == "local":
         rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
@@ -153,7 +147,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, tuple(notes))
+    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, sea_mask, area, given, tuple(notes))
     if recipe.method == "local":
         ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
         window = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
@@ -166,7 +160,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
     return plan
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
+def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
     """Replace "auto" in a recipe; return the recipe, its mask, and the reasons as notes."""
     if recipe.method != "auto":
         mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
@@ -217,20 +211,20 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
     return bands
 
 
-def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
+def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, Water | None]:
     if recipe.mask == "none":
-        return Masking()
+        return None, None
     if recipe.mask != "water":
-        return Masking(open_area(recipe.mask, scene, "--mask"))
+        return open_area(recipe.mask, scene, "--mask"), None
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return Masking(None, *known)
+        return None, known
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    return Masking(None, look.water, role_bands(look.roles))
+    return None, (look.water, role_bands(look.roles))
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
@@ -255,7 +249,7 @@ def visible_bands(scene: Scene) -> tuple[int, ...]:
     return tuple(found) if len(found) > 1 else tuple(range(len(scene.bands)))
 
 
-def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]] | None:
+def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Water rule from the sidecar of `deglint remove`, and its bands; None where the scene has no such sidecar.
 
     `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
@@ -293,7 +287,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
         area = None if plan.area is None else plan.area.read(tile.window)
-        return Part.of(block, both(plan.mask.read(plan.scene, tile), area), (tile.row0, tile.col0), share)
+        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
 
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
@@ -330,6 +324,6 @@ def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
-    mask = plan.mask.read(plan.scene, tile)
+    mask = plan.read_mask(tile)
     water = valid if mask is None else np.logical_and(mask, valid)
     return block, sea.region(water, rule, valid), nir

@@ -81,7 +81,7 @@ class Scoring:
             return self._of_sea(tile, plan.sea, plan.model)
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         block = plan.scene.source.read(outer.window, list(plan.bands))
-        mask = plan.mask.read(plan.scene, outer)
+        mask = plan.read_mask(outer)
         states = None
         if plan.window is not None:
             states = np.zeros(tile.shape, np.uint8)

@@ -34,7 +34,6 @@ def describe(
     if plan.recipe.method == "local":
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner
-    water = plan.mask.water
     numbers = plan.background.numbers() if plan.background else None
     if numbers and len(plan.bands) > _MOST_BANDS:
         numbers["covariance"] = "left out: --save-background writes it"
@@ -47,7 +46,7 @@ def describe(
         "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
         "recipe": recipe,
         "background": numbers,
-        "water": water.numbers() if water else None,
+        "water": plan.water[0].numbers() if plan.water else None,
         "sea": plan.model.numbers() if plan.model else None,
         "threshold": asdict(threshold) if threshold else None,
         "pixels": asdict(tally),
