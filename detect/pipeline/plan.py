@@ -1,7 +1,5 @@
 """A recipe applied to one scene: bands, region to score, tiles, and the statistics that a detector compares with."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable
