@@ -55,29 +55,18 @@ def describe(
 
 def notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
-    notes = [*_sea_notes(plan), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    if plan.sea and plan.model:
+        size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+        what = "brighter or darker" if plan.model.side == "both" else "brighter"
+        even = ", relative to water of the same NIR" if plan.model.glint else ""
+        notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
+        notes.append(f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{even}")
     if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
         notes.append(f"background: {where}, rank {background.rank} of {background.bands}{shrunk}")
     return notes
-
-
-def _sea_notes(plan: Plan) -> list[str]:
-    """Notes on a search of the sea; empty for other methods."""
-    rule, model = plan.sea, plan.model
-    if rule is None or model is None:
-        return []
-    size = f"{rule.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
-    what = "brighter or darker" if model.side == "both" else "brighter"
-    means = model.scales[1:]
-    also = f", also as means of {', '.join(map(str, means))} pixels" if means else ""
-    even = ", relative to water of the same NIR" if model.glint else ""
-    floats = f"{rule.length:g} m by {rule.width:g} m"
-    return [
-        f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
-        f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{also}{even}",
-    ]
 
 
 def warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:

@@ -117,22 +117,21 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
     large, body = max(_LARGE_OBJECTS[fine], kept), max(_BODY, kept) if fine else math.inf
-    sure = [(o.size >= large and o.score_max > peak) or o.size >= body for o in candidates]
-    taken = [o.scores for o, known in zip(candidates, sure, strict=True) if known]
-    pixels = sum(len(s) for s in taken)
-    if pixels:
-        tail = _without(tail, np.concatenate(taken))
-    low = LOW * q90
-    peaks = np.sort([o.score_top for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
+    sure, rest = list[Object](), list[Object]()
+    for o in candidates:
+        (sure if (o.size >= large and o.score_max > peak) or o.size >= body else rest).append(o)
+    if sure:
+        tail = _without(tail, np.concatenate([o.scores for o in sure]))
+    low, pixels = LOW * q90, sum(o.size for o in sure)
+    peaks = np.sort([o.score_top for o in rest]).astype(np.float64)
     shape = scale = math.nan
     if len(peaks) > _LEAST:
         excess = peaks[peaks > low] - low
         with suppress(FitError):
             if excess[0] < excess[-1]:
                 shape, scale, _moments = fit_pareto(excess)
-    rest = [o.size >= _LARGE_OBJECTS[fine] for o, known in zip(candidates, sure, strict=True) if not known]
-    share = (sum(rest) + 1) / (len(rest) + 1)
-    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
+    share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
+    return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
