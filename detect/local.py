@@ -42,8 +42,8 @@ STATES = {
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """Bits of `flags`; 0 for none."""
-_DIRECT = 254
-"""State of pixels that are computed one by one: many bands, imprecise sums, or a window that is moved inside."""
+_DIRECT = 255
+"""State of pixels that are computed one by one, as `ASIDE`: many bands, imprecise sums, or a window moved inside."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
     """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
-    from ._local_kernel import ASIDE, distances, ring_moments
+    from ._local_kernel import distances, ring_moments
 
     bands, halo = len(x) - 1, rule.halo
     sums = np.empty(((bands + 1) * (bands + 2) // 2, *scores.shape))
@@ -189,7 +189,6 @@ def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states
     own = x[1:, halo:-halo, halo:-halo].reshape(bands, -1)
     found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
     distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
-    how[how == ASIDE] = _DIRECT
     scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 

@@ -27,7 +27,7 @@ from ..arrays import Array, Float64, Mask
 from .curve import Roc, usable
 
 _LEVELS = 1024
-_FEW_OBJECTS = 10
+_FEW_PIECES = 10
 _LEVEL = 0.95
 _DRAWS_AT_A_TIME = 100
 
@@ -106,29 +106,17 @@ def bootstrap(
     tails = [50 * (1 - _LEVEL), 50 * (1 + _LEVEL)]
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
-    objects_drawn, blocks_drawn = targets.shape[0], background.shape[0]
+    drawn = {"objects": targets.shape[0], "blocks": background.shape[0]}
+    few = [f"{what}: only {n}, so that intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
     return Bands(
         pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
-        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
-        notes=_notes(objects_drawn, blocks_drawn),
+        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
     )  # fmt: skip
 
 
 def default_grid(background: int) -> Float64:
     """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
-
-
-def _notes(objects: int, blocks: int) -> tuple[str, ...]:
-    """Reasons why the intervals are too narrow."""
-    out = []
-    if objects == 1:
-        out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")
-    elif objects < _FEW_OBJECTS:
-        out.append(f"only {objects} objects: percentile intervals are too narrow")
-    if blocks < _FEW_OBJECTS:
-        out.append(f"only {blocks} block{'s' * (blocks > 1)} of background: intervals are too narrow")
-    return tuple(out)
 
 
 def _levels(roc: Roc) -> Array:
