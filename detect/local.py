@@ -195,15 +195,18 @@ def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
     seen = cell.grown(rule.halo, *rule.size)
-    source = seen.within(held)
-    x = np.zeros((1 + len(block), *seen.shape))
-    x[0] = known = good[source]
-    for band, out in zip(block, x[1:], strict=True):
-        few = band[source][::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
-        np.subtract(band[source], np.median(few) if few.size else 0.0, out=out, where=known)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
-    return np.pad(x, beyond, mode="symmetric") if rule.border == "mirror" else np.pad(x, beyond)
+    values, known = block[seen.within(held)], good[seen.within(held)]
+    if rule.border == "mirror":
+        values, known = np.pad(values, beyond, "symmetric"), np.pad(known, beyond[1:], "symmetric")
+        beyond = ((0, 0),) * 3
+    x = np.zeros((1 + len(block), *known.shape))
+    x[0] = known
+    for band, out in zip(values, x[1:], strict=True):
+        few = band[::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
+        np.subtract(band, np.median(few) if few.size else 0.0, out=out, where=known)
+    return np.pad(x, beyond)
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
