@@ -316,10 +316,10 @@ def test_bootstrap_is_the_same_for_the_same_seed_only():
 
 def test_few_pieces_are_said():
     scores, objects = correlated(np.random.default_rng(1))
-    assert "objects: only 1" in bootstrap(scores, objects == 1, draws=20).notes[0]
+    assert "few objects (1)" in bootstrap(scores, objects == 1, draws=20).notes[0]
     notes = bootstrap(scores, np.where(objects < 4, objects, 0), draws=20, block=96).notes
-    assert "objects: only 3" in notes[0]
-    assert "blocks: only 1" in notes[1]
+    assert "few objects (3)" in notes[0]
+    assert "few blocks (1)" in notes[1]
     assert default_block(4096, 4096) == 171
     assert default_block(10, 10) == 16
 

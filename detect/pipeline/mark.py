@@ -152,7 +152,7 @@ class Marker:
         rated = self.objects(threshold)
         found, scene = [o for o, *_ in rated], self._plan.scene
         chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
-        moved = motions(scene, found) if self._plan.recipe.moving else [{}] * len(found)
+        moved = motions(scene, self._plan.pixel_area, found) if self._plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):

@@ -107,7 +107,7 @@ def bootstrap(
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
     drawn = {"objects": targets.shape[0], "blocks": background.shape[0]}
-    few = [f"{what}: only {n}, so that intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
+    few = [f"few {what} ({n}): intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
     return Bands(
         pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
         areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
