@@ -57,13 +57,8 @@ class Detector:
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean
-    whiten: Float64  # (rank, bands)
+    whiten: Float64  # (rank, bands); the rank is the number of degrees of freedom
     linear: Float64 | None = None  # (bands,)
-
-    @property
-    def rank(self) -> int:
-        """Degrees of freedom: for rx, the mean score of the background is this times (n - 1) / n."""
-        return len(self.whiten)
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:

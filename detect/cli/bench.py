@@ -58,14 +58,18 @@ def bench(out: str, **given: Any) -> None:
     from ..bench import report
     from ..bench.compare import as_json
     from ..bench.machine import load_now, provenance
-    from ..bench.run import Effort, measure
+    from ..bench.run import Effort, measure, removals
     from ..report.plots import check_installed
 
     check_installed("rxdetect bench")
     targets = Path(out), Path(given["json_file"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
-    effort = Effort.of(_wanted(given["only"]), quick=given["quick"], seeds=given["seeds"])
+    for name in given["only"]:
+        if name not in removals():
+            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(removals())}.", param_hint="--only")
+    wanted = [name for name in removals() if name in given["only"] or not given["only"]]
+    effort = Effort.of(wanted, quick=given["quick"], seeds=given["seeds"])
     check_targets(targets, {}, overwrite=given["overwrite"])
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:
@@ -82,17 +86,6 @@ def bench(out: str, **given: Any) -> None:
             write_text(scratch, targets[0], report.page(found, made))
             write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
         log.info("%s and %s: written in %.0f s", *targets, seconds)
-
-
-def _wanted(only: tuple[str, ...]) -> list[str]:
-    """Removals to measure, in the order of the report."""
-    from ..bench.run import removals
-
-    known = list(removals())
-    for name in only:
-        if name not in known:
-            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(known)}.", param_hint="--only")
-    return [name for name in known if name in only or not only]
 
 
 @click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})

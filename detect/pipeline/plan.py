@@ -89,7 +89,7 @@ class Plan:
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:
-            return self.ready.rank, self.background.n
+            return len(self.ready.whiten), self.background.n
         inner, outer = self.recipe.window
         return len(self.bands), outer * outer - inner * inner
 
