@@ -36,6 +36,8 @@ _PRODUCTS = 1 << 18
 """Multiplications in one matrix product: OpenBLAS starts no threads for so few."""
 _STRIP_PIXELS = 1 << 19
 """Number of pixels that a thread scores at a time."""
+_NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
+"""Tolerated error of the mean, by the type of the scores [standard deviation]."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
 def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None:
     """Fill `out` with the scores of (bands, pixels); `matrix` is `detector.whiten`, with `linear` as its last row."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
+    shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
     # always the same width: BLAS may add in another order at the end of a shorter one
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))
@@ -113,7 +116,8 @@ def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None
         count = part.shape[1]
         np.subtract(part, detector.mean[:, None], out=centred[:, :count])
         z = matrix @ centred
-        z -= moved
+        if shifted:
+            z -= moved
         np.square(z[:rank], out=z[:rank])
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
@@ -251,7 +255,11 @@ def subspace_rx(
 
 @checked_keywords()
 def residual_rx(
-    image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
+    image: Array,
+    background: Background | Mask | None = None,
+    *,
+    nir: Sequence[int],
+    mask: Mask | None = None,
 ) -> Scores:
     """RX of what is left of each band after regression on reference bands; other parameters as `rx`.
 
