@@ -55,10 +55,7 @@ _HOMES = {
 }
 """Module of each name; type checkers read the imports above, and a test compares the two."""
 
-__all__ = [
-    "Background", "LineScorer", "Object", "Recipe", "Result", "Roc", "Search", "Tail", "Threshold", "__version__",
-    "local_rx", "residual_rx", "rx", "rx_utd", "score_file", "score_lines", "score_scene", "subspace_rx", "utd",
-]  # fmt: skip
+__all__ = ["__version__", *_HOMES]
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 

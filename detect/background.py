@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,20 +23,12 @@ from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
 
-COVARIANCES = {
-    "empirical": "as it is; a pseudo-inverse where bands are constant or follow from others",
-    "ridge": "with a share of each band's own variance added to it (--ridge)",
-    "ledoit-wolf": "correlation drawn towards the identity (Ledoit and Wolf 2004)",
-    "oas": "correlation drawn towards the identity (Chen et al. 2010)",
-    "mcd": "of the core alone: minimum covariance determinant, on a sample of the scene",
-}
-"""Estimators of the covariance."""
+COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
+"""Estimators of the covariance: see `detect.covariance`."""
 RIDGE = 1e-3
 """Default share of each band's variance that `ridge` adds."""
 ROBUST_SAMPLE = 1 << 17
 """Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
-THREADED_VALUES = 1 << 23
-"""Number of values from which an array in memory is processed by several threads by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +44,7 @@ class Background:
     covariance : (bands, bands) ndarray
         Divided by n - 1; shrunk or robust where the rule says so.
     rule : str
-        A key of `COVARIANCES`.
+        One of `COVARIANCES`.
     shrinkage : float
         Weight of the identity in the shrunk correlation, or the added ridge.
     names : tuple of str
@@ -92,7 +84,7 @@ class Background:
         }
 
     def to_json(self) -> str:
-        """As text that `from_json` reads back to the same bits."""
+        """As text, from which `from_json` makes the same bits."""
         return json.dumps(self.numbers(), indent=2)
 
     @classmethod
@@ -106,17 +98,15 @@ class Background:
         """
         try:
             found = json.loads(text)
-            if not isinstance(found, Mapping) or found.get("background") != 1:
-                raise ValueError
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
             names = tuple(str(name) for name in found["names"])
-            n, rule, shrinkage = int(found["n"]), str(found["rule"]), float(found["shrinkage"])
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-            raise InputError("not a saved background; make one with --save-background.") from error
-        whole = mean.ndim == 1 and len(mean) and rest.shape == mean.shape and matrix.shape == mean.shape * 2
-        if not whole or not (np.isfinite(matrix).all() and np.isfinite(mean).all()) or len(names) not in (0, len(mean)):
-            raise InputError("a saved background whose numbers do not fit together; make it anew.")
-        return cls(n, mean, rest, matrix, rule, shrinkage, names)
+            shapes = mean.ndim == 1 and rest.shape == mean.shape and matrix.shape == mean.shape * 2
+            finite = shapes and np.isfinite(matrix).all() and np.isfinite(mean).all()
+            if found["background"] != 1 or not finite or len(names) not in (0, len(mean)):
+                raise ValueError
+            return cls(int(found["n"]), mean, rest, matrix, str(found["rule"]), float(found["shrinkage"]), names)
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError("not a saved background, or damaged; make one with --save-background.") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +120,12 @@ class Part:
     @classmethod
     def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
         """Part of a block whose first pixel is at `origin` in the scene; one pixel in `share` is sampled (0: none)."""
-        cells = cell_moments(block, mask, origin=origin)
         rows = columns = np.zeros(0, np.int64)
         if share:
             good = np.asarray(np.isfinite(block).all(axis=0))
             rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
-        return cls(cells, np.stack([rows + origin[0], columns + origin[1]]), block[:, rows, columns])
+        places = np.stack([rows + origin[0], columns + origin[1]])
+        return cls(cell_moments(block, mask, origin=origin), places, block[:, rows, columns])
 
     @classmethod
     def merge(cls, parts: Sequence[Part]) -> Part:
@@ -153,14 +143,11 @@ class Part:
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
         return cls(cells, places, values)
 
-    def background(
-        self, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = ()
-    ) -> Background:  # fmt: skip
+    def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """The background of all pixels; raises as `fit`."""
         sample = self.values[:, np.lexsort(self.places[::-1])].T
-        return estimate(
-            Part.merge([self]).cells.by_place().total(), covariance, ridge=ridge, names=names, sample=sample
-        )
+        moments = Part.merge([self]).cells.by_place().total()
+        return estimate(moments, covariance, ridge=ridge, names=names, sample=sample)
 
 
 def fit(
@@ -181,13 +168,13 @@ def fit(
     mask : (row, column) bool ndarray, optional
         True where a pixel belongs to the background.
     covariance : str
-        A key of `COVARIANCES`.
+        One of `COVARIANCES`.
     ridge : float
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str
         Band names to store in the background.
     threads : int, optional
-        By default all processors for large images, at most OMP_NUM_THREADS. The result does not depend on it.
+        By default all processors, at most OMP_NUM_THREADS. The result does not depend on it.
 
     Returns
     -------
@@ -218,10 +205,9 @@ def fit(
         inside = None if mask is None else mask[rows]
         return Part.of(image[:, rows], inside, (row, 0), share)
 
-    with ThreadPoolExecutor(threads or default_threads(image)) as pool:
+    with ThreadPoolExecutor(threads or default_threads()) as pool:
         parts = list(pool.map(part, range(0, image.shape[1], CELL)))
-    whole = Part.merge(parts) if parts else Part.of(image, mask, (0, 0))
-    return whole.background(covariance, ridge=ridge, names=names)
+    return Part.merge(parts).background(covariance, ridge, names)
 
 
 def estimate(
@@ -274,13 +260,8 @@ def check_rule(covariance: str, ridge: float) -> None:
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
-def default_threads(image: Array) -> int:
-    """Number of threads for an array in memory: one if it is small, else all available processors.
-
-    OMP_NUM_THREADS is an upper limit, as for the matrix products.
-    """
-    if image.size < THREADED_VALUES:
-        return 1
+def default_threads() -> int:
+    """Number of threads for an array in memory: all processors, at most OMP_NUM_THREADS, as for matrix products."""
     limit, processors = os.environ.get("OMP_NUM_THREADS", ""), tiles.default_threads()
     return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
 

@@ -15,8 +15,6 @@ Hubert, Rousseeuw, Verdonck (2012), "A deterministic algorithm for robust locati
 Computational and Graphical Statistics 21, 618-637, doi:10.1080/10618600.2012.672100.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import Array, Float64

@@ -57,8 +57,7 @@ class LineScorer:
         self.n = 0
         self._keep = 1 - 1 / lines
         self._weight = 0.0
-        self._mean: Float64 | None = None
-        self._second = np.zeros((0, 0))
+        self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
         """Squared Mahalanobis distance of every pixel of a line from the lines before.
@@ -79,13 +78,15 @@ class LineScorer:
             The number of bands changes.
         """
         values = np.asarray(line, np.float64)
-        if values.ndim != 2 or (self._mean is not None and len(values) != len(self._mean)):
+        if values.ndim != 2 or (self.n and len(values) != len(self._mean)):
             raise InputError(f"line must be (band, column), always of the same bands, got shape {values.shape}.")
+        if not self.n:
+            self._mean, self._second = np.zeros(len(values)), np.zeros((len(values), len(values)))
         valid = np.isfinite(values).all(axis=0)
         out = np.full(values.shape[1], np.nan, np.float32)
         self.n += 1
         taken = values if valid.all() else values[:, valid]
-        if self._mean is not None and self._weight >= _FIRST * len(values):
+        if self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
             white = whitener(ridged(self._second, _LINE_RIDGE)) @ away
             found = np.einsum("ij,ij->j", white, white)
@@ -104,9 +105,6 @@ class LineScorer:
         centre = taken.mean(axis=1)
         away = taken - centre[:, None]
         second = away @ away.T / count
-        if self._mean is None:
-            self._mean, self._second, self._weight = centre, second, float(count)
-            return
         self._weight *= self._keep
         share = count / (self._weight + count)
         step = centre - self._mean

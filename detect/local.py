@@ -36,16 +36,14 @@ BORDERS = ("shrink", "mirror", "shift")
 """Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
 SUMS_BANDS = 24
 """Maximum number of bands for which sums over windows are faster than rings computed one by one."""
-MOST_SUMS = 1 << 30
-"""Maximum memory for sums over windows, per thread [byte]."""
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """Bits of `flags`; 0 for none."""
-_DIRECT = 254
-"""State of pixels that are computed one by one: many bands, imprecise sums, or a window that is moved inside."""
+_DIRECT = 255
+"""State of pixels that are computed one by one, as `ASIDE`: many bands, imprecise sums, or a window moved inside."""
 
 
 @dataclass(frozen=True)
@@ -112,11 +110,6 @@ def local_rx(
     InputError
         A window that is not odd, too large for its border rule, or shapes that do not fit.
 
-    Notes
-    -----
-    Where the ring's covariance has not full rank, the Moore-Penrose inverse is taken and the pixel is flagged. For few
-    bands B, about B^2 multiplications a pixel; for many, as many as (pixels of the ring) x B x min(B, pixels).
-
     Examples
     --------
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
@@ -148,7 +141,6 @@ def score_part(
     `held` is the tile of the block; the first row and column of `part` are multiples of `CELL`. The mask is of the
     block, the flags of the part; else as `local_rx`.
     """
-    _check_memory(len(block), rule)
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
     good = np.asarray(np.isfinite(block).all(axis=0))
@@ -167,17 +159,6 @@ def score_part(
     return scores
 
 
-def _check_memory(bands: int, rule: WindowRule) -> None:
-    """Check that the sums of a window fit into memory."""
-    sums = 1 + bands + bands * (bands + 1) // 2
-    need = 8 * (sums * CELL**2 + bands * (rule.outer + CELL) ** 2)
-    if bands <= SUMS_BANDS and need > MOST_SUMS:
-        raise InputError(
-            f"window: {rule.outer} pixels of {bands} bands take {need / 2**30:.1f} GiB a thread, allowed is "
-            f"{MOST_SUMS >> 30}. Take a smaller window, fewer bands, or rx."
-        )
-
-
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
     """Scores and states of one cell."""
     inside = good[cell.within(held)]
@@ -187,7 +168,9 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
     if len(block) <= SUMS_BANDS:
         _by_sums(_padded(block, good, held, cell, rule), rule, inside, scores, states)
         if rule.border == "shift":
-            states[inside & _near_edge(cell, rule)] = _DIRECT
+            rows, columns = (np.arange(*ends) for ends in cell.window)
+            near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
+            states[inside & np.logical_or.outer(*near)] = _DIRECT
     else:
         states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
@@ -198,7 +181,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
     """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
-    from ._local_kernel import ASIDE, distances, ring_moments
+    from ._local_kernel import distances, ring_moments
 
     bands, halo = len(x) - 1, rule.halo
     sums = np.empty(((bands + 1) * (bands + 2) // 2, *scores.shape))
@@ -206,40 +189,24 @@ def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states
     own = x[1:, halo:-halo, halo:-halo].reshape(bands, -1)
     found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
     distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
-    how[how == ASIDE] = _DIRECT
     scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
     """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
-    halo = rule.halo
-    window = Tile(cell.row0 - halo, cell.row1 + halo, cell.col0 - halo, cell.col1 + halo)
-    x = np.zeros((1 + len(block), *window.shape))
+    seen = cell.grown(rule.halo, *rule.size)
+    above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
+    beyond = ((0, 0), (above, below), (left, right))
+    values, known = block[seen.within(held)], good[seen.within(held)]
     if rule.border == "mirror":
-        rows, columns = (_mirrored(np.arange(*ends), n) for ends, n in zip(window.window, rule.size, strict=True))
-        source: Any = np.ix_(rows - held.row0, columns - held.col0)
-        inside = x
-    else:  # what lies outside the scene stays 0
-        seen = cell.grown(halo, *rule.size)
-        source, inside = seen.within(held), x[seen.within(window)]
-    inside[0] = known = good[source]
-    for band, out in zip(block, inside[1:], strict=True):
-        few = band[source][::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
-        np.subtract(band[source], np.median(few) if few.size else 0.0, out=out, where=known)
-    return x
-
-
-def _mirrored(places: Int64, size: int) -> Int64:
-    """Places outside 0..size-1 mirrored at the image's edge; the pixel at the edge comes twice."""
-    places = np.where(places < 0, -1 - places, places)
-    return np.where(places >= size, 2 * size - 1 - places, places)
-
-
-def _near_edge(cell: Tile, rule: WindowRule) -> Mask:
-    """Pixels whose window reaches beyond the scene."""
-    places = [np.arange(*ends) for ends in cell.window]
-    near = [(at < rule.halo) | (at >= size - rule.halo) for at, size in zip(places, rule.size, strict=True)]
-    return np.asarray(np.logical_or.outer(*near))
+        values, known = np.pad(values, beyond, "symmetric"), np.pad(known, beyond[1:], "symmetric")
+        beyond = ((0, 0),) * 3
+    x = np.zeros((1 + len(block), *known.shape))
+    x[0] = known
+    for band, out in zip(values, x[1:], strict=True):
+        few = band[::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
+        np.subtract(band, np.median(few) if few.size else 0.0, out=out, where=known)
+    return np.pad(x, beyond)
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
@@ -276,7 +243,10 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
     if border == "shift":
         first = min(max(first, 0), size - side)
     places = np.arange(first, first + side)
-    return _mirrored(places, size) if border == "mirror" else places[(places >= 0) & (places < size)]
+    if border == "mirror":  # the pixel at the edge comes twice
+        places %= 2 * size
+        return np.minimum(places, 2 * size - 1 - places)
+    return places[(places >= 0) & (places < size)]
 
 
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:

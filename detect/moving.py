@@ -102,7 +102,7 @@ def find_moving(
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for i, d in enumerate(density) if i not in (first, last)]
     reach = math.pi * (FASTEST * float(np.ptp(times)) / pixel) ** 2
-    if len(places[first]) * reach * density[last] * math.prod(meets) > _CHANCE:
+    if not all(map(len, places)) or len(places[first]) * reach * density[last] * math.prod(meets) > _CHANCE:
         return []
     found = [m for p in places[first] if (m := _followed(p, first, places, times, pixel)) is not None]
     return sorted(found, key=lambda m: -m.contrast)
@@ -110,19 +110,14 @@ def find_moving(
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
     """Row and column (means weighted by contrast) and peak of every detection, (detection, 3)."""
+    from scipy import ndimage
+
     from .objects import label
 
-    parts = label((contrasts > _SIGMA) & sea)
-    count = int(parts.max()) + 1
-    at = parts.ravel()
-    rows, columns = np.divmod(np.arange(at.size), contrasts.shape[1])
-    inside = at > 0
-    at, weight = at[inside], contrasts.ravel()[inside].astype(np.float64)
-    total = np.bincount(at, weight, count)[1:]
-    row, column = (np.bincount(at, weight * x[inside], count)[1:] / total for x in (rows, columns))
-    peak = np.zeros(count)
-    np.maximum.at(peak, at, weight)
-    return np.stack([row, column, peak[1:]], axis=1)
+    parts, weight = label((contrasts > _SIGMA) & sea), contrasts.astype(np.float64)
+    index = np.arange(1, parts.max() + 1)
+    places = np.reshape(ndimage.center_of_mass(weight, parts, index), (-1, 2))
+    return np.column_stack([places, ndimage.maximum(weight, parts, index)])
 
 
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
@@ -137,8 +132,6 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
             continue
         track, peaks = [], []
         for spots, time in zip(places, times, strict=True):
-            if not len(spots):
-                return None
             away = np.hypot(*(spots[:, :2] - (start[:2] + step * (time - times[first]))).T)
             nearest = int(np.argmin(away))
             if away[nearest] > _NEAR:
@@ -155,9 +148,8 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
 
 def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
     """Least squares fit of a uniform motion to places, (band, 2) [pixel]."""
-    design = np.stack([np.ones_like(times), times], axis=1)
-    fit, *_ = np.linalg.lstsq(design, track, rcond=None)
-    error = float(np.sqrt(((track - design @ fit) ** 2).sum(axis=1).mean()))
-    (row, column), (down, across) = fit
-    heading = math.degrees(math.atan2(across, -down)) % 360
-    return Mover(float(row), float(column), float(math.hypot(down, across) * pixel), heading, error, float(least))
+    step, place = np.polyfit(times, track, 1)
+    error = float(np.sqrt(((track - place - np.outer(times, step)) ** 2).sum(axis=1).mean()))
+    heading = math.degrees(math.atan2(step[1], -step[0])) % 360
+    row, column = place.tolist()
+    return Mover(row, column, math.hypot(*step) * pixel, heading, error, float(least))

@@ -75,10 +75,7 @@ class Object:
         from rasterio.features import shapes
         from rasterio.transform import Affine
 
-        (top, bottom), (left, right) = self.bounds
-        if self.footprint.all():  # most objects are a few pixels, and a call of GDAL takes 0.3 ms
-            rows, columns = (top, bottom, bottom, top, top), (left, left, right, right, left)
-            return ((tuple(zip(map(float, columns), map(float, rows), strict=True)),),)
+        (top, _bottom), (left, _right) = self.bounds
         place = Affine.translation(left, top)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -143,13 +140,12 @@ def find_among(
         raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
     if not len(rows):
         return []
-    part, kept = _joined(rows, columns, merge_distance), scores > above
-    top = _top(part, scores)
-    rows, columns, part, values = rows[kept], columns[kept], part[kept], scores[kept].astype(np.float64)
-    parts = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1]) if len(part) else []
-    large = [own for own in parts if len(own) >= min_size]
+    part, kept, values = _joined(rows, columns, merge_distance), scores > above, scores.astype(np.float64)
+    groups = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
+    large = [(own, group) for group in groups if len(own := group[kept[group]]) >= min_size]
     out = []
-    for number, own in enumerate(sorted(large, key=lambda own: (-values[own].max(), own[0])), start=1):
+    for number, (own, group) in enumerate(sorted(large, key=lambda o: (-values[o[0]].max(), o[0][0])), start=1):
+        highest = np.sort(values[group])[: -_FOOTPRINT - 1 : -1]
         down, across = rows[own], columns[own]
         row, left = int(down.min()), int(across.min())
         footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
@@ -159,40 +155,20 @@ def find_among(
             area=None if pixel_area is None else len(own) * pixel_area,
             centroid=(float(down.mean()), float(across.mean())),
             bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=float(top[part[own[0]]]), scores=values[own],
+            score_top=math.sqrt((highest**2).sum() / _FOOTPRINT), scores=values[own],
         ))  # fmt: skip
     return out
 
 
-def _top(part: Int32, scores: Array) -> Float64:
-    """Root mean square of the highest scores of each part."""
-    order = np.lexsort((-scores, part))
-    counts = np.bincount(part)
-    place = np.arange(len(part)) - np.repeat(np.cumsum(counts) - counts, counts)
-    first = order[place < _FOOTPRINT]
-    squares = np.square(scores[first].astype(np.float64))
-    return np.asarray(np.sqrt(np.bincount(part[first], squares, len(counts)) / _FOOTPRINT))
-
-
 def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
-    """Number of the part that each pixel belongs to."""
+    """Number of the part that each pixel belongs to; corners connect."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
 
-    reach = max(math.floor(distance), 1)
-    width = int(columns.max()) + 1 + reach  # with a margin, so that no offset reaches the next row
-    place = rows * width + columns
-    pairs = []
-    for down, right in [(d, r) for d in range(reach + 1) for r in range(-reach, reach + 1) if (d, r) > (0, 0)]:
-        if down * down + right * right > max(distance * distance, 2):
-            continue
-        wanted = place + (down * width + right)
-        wanted[columns + right < 0] = -1
-        at = np.searchsorted(place, wanted).clip(max=len(place) - 1)
-        meets = np.flatnonzero(place[at] == wanted)
-        pairs.append(np.stack([meets, at[meets]]))
-    a, b = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(a), np.bool_), (a, b)), shape=(len(rows), len(rows)))
+    tree = cKDTree(np.stack([rows, columns], axis=1), balanced_tree=False, compact_nodes=False)
+    pairs = tree.query_pairs(max(distance, 1.5), output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), np.bool_), pairs.T), shape=(len(rows), len(rows)))
     return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
@@ -214,21 +190,19 @@ def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str,
     move : callable, optional
         Turns (column, row) corners into longitude and latitude; pixel corners as they stand where it is None.
     """
-    return {"type": "FeatureCollection", "features": [_feature(o, move or list) for o in objects]}
-
-
-def _feature(found: Object, move: Move) -> dict[str, Any]:
-    """An object as GeoJSON."""
-    polygons = [[_turned(move(ring), hole=i > 0) for i, ring in enumerate(polygon)] for polygon in found.outline]
-    kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
-    (row0, row1), (col0, col1) = found.bounds
-    properties = {
-        "label": found.label, "score_max": found.score_max, "score_mean": found.score_mean, "pixels": found.size,
-        "area_m2": found.area, "row": found.centroid[0], "column": found.centroid[1],
-        "window": [col0, row0, col1 - col0, row1 - row0],
-    }  # fmt: skip
-    geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", "id": found.label, "properties": properties, "geometry": geometry}
+    features = []
+    for o in objects:
+        rings = [[list(move(ring)) if move else list(ring) for ring in polygon] for polygon in o.outline]
+        polygons = [[_turned(ring, hole=i > 0) for i, ring in enumerate(polygon)] for polygon in rings]
+        kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
+        (row0, row1), (col0, col1) = o.bounds
+        properties = {
+            "label": o.label, "score_max": o.score_max, "score_mean": o.score_mean, "pixels": o.size, "area_m2": o.area,
+            "row": o.centroid[0], "column": o.centroid[1], "window": [col0, row0, col1 - col0, row1 - row0],
+        }  # fmt: skip
+        geometry = {"type": kind, "coordinates": coordinates}
+        features.append({"type": "Feature", "id": o.label, "properties": properties, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
 
 
 def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[float]]:

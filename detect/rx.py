@@ -1,15 +1,5 @@
 """RX and related detectors: distance of a pixel from the background, relative to the background's covariance.
 
-With d = x - mean and C the covariance:
-
-===========  =====================================================================================
-rx           d^T C^-1 d (squared Mahalanobis distance)
-utd          (1 - mean)^T C^-1 d
-rx-utd       (x - 1)^T C^-1 d = rx - utd
-subspace     rx without the leading eigenvectors of C
-residual     rx of what is left of each band after regression on reference bands (the NIR, say)
-===========  =====================================================================================
-
 A `Detector` is a matrix made once from a `detect.background.Background`; `score` applies it to blocks, pixel by
 pixel, so that it needs no halo and any tiling gives the same bits. Nothing here opens a file or chooses a threshold.
 
@@ -58,7 +48,6 @@ class Method:
     nir); it is None for a detector that does not compare with one background.
     """
 
-    summary: str
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
     law: bool = False  # whether scores over a normal background follow F or chi-squared
     invariant: bool = False  # whether an invertible affine map of the bands, such as a glint removal, changes no score
@@ -70,13 +59,8 @@ class Detector:
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean
-    whiten: Float64  # (rank, bands)
+    whiten: Float64  # (rank, bands); the rank is the number of degrees of freedom
     linear: Float64 | None = None  # (bands,)
-
-    @property
-    def rank(self) -> int:
-        """Degrees of freedom: for rx, the mean score of the background is this times (n - 1) / n."""
-        return len(self.whiten)
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
@@ -176,18 +160,17 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
 
 
 METHODS = {
-    "sea": Method("distance from the water around, floating objects of the sea included"),
-    "lines": Method("squared Mahalanobis distance from the lines before, one line after the other"),
-    "rx": Method("squared Mahalanobis distance", lambda _b, w, _drop, _nir: (w,), law=True, invariant=True),
-    "local": Method("squared Mahalanobis distance from the ring around the pixel (--window)", law=True, invariant=True),
-    "utd": Method("uniform target detector: likeness to a spectrum of ones",
-                  lambda b, w, _drop, _nir: (w[:0], _likeness(b, w))),
-    "rx-utd": Method("rx less utd", lambda b, w, _drop, _nir: (w, -_likeness(b, w))),
-    "subspace": Method("rx without the leading eigenvectors of the covariance (--drop)",
-                       lambda b, _w, drop, _nir: (_subspace(b.covariance, drop),), law=True),
-    "residual": Method("rx of the bands' residuals after regression on the NIR",
-                       lambda b, _w, _drop, nir: (_residual(b.covariance, nir),), law=True, invariant=True),
-}  # fmt: skip
+    "sea": Method(),
+    "lines": Method(),
+    "rx": Method(lambda _background, whiten, _drop, _nir: (whiten,), law=True, invariant=True),
+    "local": Method(law=True, invariant=True),
+    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _likeness(background, whiten))),
+    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_likeness(background, whiten))),
+    "subspace": Method(lambda background, _whiten, drop, _nir: (_subspace(background.covariance, drop),), law=True),
+    "residual": Method(
+        lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
+    ),
+}
 """All detectors; those with `matrices` compare with one background for the whole scene."""
 
 
@@ -202,7 +185,7 @@ def rx(
     ridge: float = RIDGE,
     threads: int | None = None,
 ) -> Scores:
-    """Global RX: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
+    """Global RX (Reed and Yu 1990): squared Mahalanobis distance (x - mean)' C^-1 (x - mean) from the background.
 
     Parameters
     ----------
@@ -218,7 +201,7 @@ def rx(
     covariance, ridge
         As `detect.background.fit`.
     threads : int, optional
-        All processors for large images, or as few as OMP_NUM_THREADS says; the result does not depend on it.
+        As `detect.background.fit`.
 
     Returns
     -------
@@ -230,11 +213,6 @@ def rx(
     ------
     FitError, InputError
         As `detect.background.fit`.
-
-    Notes
-    -----
-    Does not change under any invertible affine map of the bands; so not under a glint removal that subtracts a multiple
-    of the NIR from each band and leaves the NIR in the stack.
 
     Examples
     --------
@@ -254,13 +232,13 @@ def rx(
 
 @checked_keywords()
 def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """Uniform target detector (Ashton and Schaum 1998): likeness to a spectrum of ones; parameters as `rx`."""
+    """Uniform target detector (1 - mean)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """RX less UTD (Ashton and Schaum 1998); parameters as `rx`."""
+    """RX less UTD, (x - 1)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
@@ -301,7 +279,7 @@ def _run(
     """Fit a background where none is given, and score the image."""
     image = as_image(image)
     mask = as_mask(mask, image)
-    threads = threads or default_threads(image)
+    threads = threads or default_threads()
     if not isinstance(background, Background):
         inside = both(as_mask(background, image), mask)
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)

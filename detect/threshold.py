@@ -1,11 +1,8 @@
 """Thresholds on anomaly scores for a requested false-alarm rate, each with the observed rate.
 
-Four methods: the chi-squared distribution (Gaussian background, known statistics), Hotelling's F (statistics estimated
-from n pixels), a quantile of the scores, and a generalised Pareto distribution fitted to their tail, which extrapolates
-beyond the highest score. Real backgrounds are not Gaussian: check the observed rate of the first two.
-
-A pixel is detected where its score is greater than the threshold. NaN is not valid and is ignored. `Tail` keeps the
-highest scores of a scene that does not fit into memory; tails of tiles are merged in any order. Opens no files.
+A pixel is detected where its score is greater than the threshold; NaN is ignored. Real backgrounds are not Gaussian:
+check the observed rate of thresholds by chi-squared and F. `Tail` keeps the highest scores of a scene that does not fit
+into memory; tails of tiles are merged in any order. Opens no files.
 
 References
 ----------
@@ -18,24 +15,17 @@ Introduction to Statistical Modeling of Extreme Values", ch. 4, doi:10.1007/978-
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 
 from deglint.errors import FitError, InputError
 
-from . import pareto
-from .arrays import Array, Float64, Mask
+from .arrays import Array, Float64
 
-THRESHOLDS = {
-    "gpd": "tail fitted to the scores",
-    "empirical": "quantile of the scores",
-    "f": "F",
-    "chi2": "chi-squared",
-}
-"""Methods that determine the threshold for --pfa."""
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")
+"""Methods that determine the threshold for --pfa: the tail fitted to the scores, their quantile, F, and chi-squared."""
 KEEP = 1 << 18
 """Default number of highest scores that a `Tail` keeps."""
 _LEAST_EXCEEDANCES = 50
@@ -45,7 +35,6 @@ _ENOUGH = 10
 """Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
 _POOR_FIT = 0.05
 """Kolmogorov distance from which a fitted tail is called poor."""
-
 _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
 """Of the spline through the p-values: how far it goes, nodes, and the least p-value."""
 
@@ -74,14 +63,11 @@ class Tail:
         Raises
         ------
         InputError
-            A score is infinite, or keep is less than 1.
+            A score is infinite.
         """
-        if keep < 1:
-            raise InputError(f"keep: allowed is 1 or more, got {keep}.")
         valid = np.asarray(scores).ravel()
-        if valid.dtype.kind == "f":
-            missing = np.isnan(valid)
-            valid = valid[~missing] if missing.any() else valid
+        missing = np.isnan(valid)
+        valid = valid[~missing] if missing.any() else valid
         n = valid.size
         if n > keep:
             valid = np.partition(valid, n - keep)[n - keep :]
@@ -94,8 +80,6 @@ class Tail:
     def merge(cls, parts: Iterable[Tail]) -> Tail:
         """The tail of all parts together, the same to the bit in whatever order and cut they come."""
         parts = list(parts)
-        if not parts:
-            raise InputError("no tails to merge: give at least one part.")
         keep = min(part.keep for part in parts)
         whole = cls.of(np.concatenate([part.values for part in parts]), keep)
         return cls(sum(part.n for part in parts), whole.values, keep)
@@ -145,11 +129,6 @@ class Threshold:
     standard_error: float | None = None
     numbers: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-
-    def exceeded(self, scores: Array) -> Mask:
-        """True where a score is greater than the threshold; False where it is NaN."""
-        with np.errstate(over="ignore"):
-            return np.asarray(np.asarray(scores) > self.value)
 
     def measured(self, above: int | None, n: int) -> Threshold:
         """The same with the rate that it gave: `above` of `n` valid scores were greater; None where it is not known."""
@@ -213,29 +192,19 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
 
-    A cubic spline through its logarithm, a smooth function of the square root of the score; p-values below 1e-290, and
-    distances above 80 standard deviations, are computed as there. It is the same for any cut into tiles.
+    A cubic spline through its logarithm, a smooth function of the square root of the score, where the p-value is above
+    1e-290. It is the same for any cut into tiles.
     """
-    _check(0.5, bands, n)
-    distance = np.maximum(np.asarray(scores, np.float64), 0)
-    end, spline = _log_survival(bands, n)
-    root = np.sqrt(distance)
-    found = np.asarray(np.exp(spline(np.minimum(root, end))))
-    beyond = root > end
-    if beyond.any():
-        found[beyond] = p_value(distance[beyond], bands, n)
-    return found
-
-
-@cache
-def _log_survival(bands: int, n: int | None) -> tuple[float, Callable[[Array], Array]]:
-    """Upper end of the spline of log p, as square root of the score, and the spline."""
     from scipy.interpolate import CubicSpline
 
+    root = np.sqrt(np.maximum(np.asarray(scores, np.float64), 0))
     nodes = np.linspace(0, _SPLINE_END, _SPLINE_NODES)
     values = p_value(nodes**2, bands, n)
-    last = int(np.count_nonzero(values > _SPLINE_LEAST))
-    return float(nodes[last - 1]), CubicSpline(nodes[:last], np.log(values[:last]))
+    reached = values > _SPLINE_LEAST
+    found = np.exp(CubicSpline(nodes[reached], np.log(values[reached]))(root))
+    beyond = root > nodes[reached][-1]
+    found[beyond] = p_value(root[beyond] ** 2, bands, n)
+    return np.asarray(found)
 
 
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
@@ -265,7 +234,7 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
             f"pfa: {pfa:g} of {tail.n} scores is {allowed}, and the tail keeps {len(tail.values)}. Keep more of it."
         )
     value = float(tail.values[allowed])
-    notes = () if allowed >= 10 else (f"only {allowed} scores lie above the threshold: it is uncertain",)
+    notes = () if allowed >= _ENOUGH else (f"only {allowed} scores lie above the threshold: it is uncertain",)
     return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)
 
 
@@ -324,10 +293,10 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
             f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile "
             "(--threshold empirical)."
         )
-    shape, scale, moments = pareto.fit(excess)
-    value = u + pareto.excess_at(k / tail.n / pfa, shape, scale)
-    error = pareto.standard_error(tail.n, k, pfa, shape, scale)
-    distance = pareto.kolmogorov(excess, shape, scale)
+    shape, scale, moments = fit_pareto(excess)
+    value = u + _excess_at(k / tail.n / pfa, shape, scale)
+    error = _standard_error(tail.n, k, pfa, shape, scale)
+    distance = _kolmogorov(excess, shape, scale)
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
@@ -337,6 +306,75 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     }  # fmt: skip
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
     return found.measured(tail.above(value), tail.n)
+
+
+def fit_pareto(excess: Float64) -> tuple[float, float, float]:
+    """Shape and scale of maximum likelihood, and the shape by probability-weighted moments; `excess` ascends.
+
+    P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0.
+    """
+    from scipy.optimize import minimize_scalar
+
+    k, unit = len(excess), float(excess.mean())
+    y = excess / unit
+    weighted = float((1 - (np.arange(1, k + 1) - 0.35) / k) @ y / k)
+    by_moments = 2 - 1 / (1 - 2 * weighted)  # a0 = 1
+    highest = float(y[-1])
+
+    def cost(t: float) -> float:  # profile likelihood in theta = shape/scale = (exp(t) - 1) / highest, eq. 2.4
+        theta = math.expm1(t) / highest
+        if abs(theta) < 1e-9:
+            return 1.0  # exponential law: log(mean) + 1
+        shape = float(np.log1p(theta * y).mean())
+        return math.log(shape / theta) + shape + 1 if shape > -0.999 else math.inf
+
+    grid = np.concatenate([np.linspace(-12, -0.25, 24), np.linspace(-0.2, 12, 48)])
+    best = int(np.argmin([cost(t) for t in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    with np.errstate(invalid="ignore"):  # the cost is infinite where there is no law
+        t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
+    theta = math.expm1(t) / highest
+    if abs(theta) < 1e-9:
+        return 0.0, unit, by_moments
+    shape = float(np.log1p(theta * y).mean())
+    if shape <= -0.5:
+        raise FitError(
+            f"the scores' tail ends abruptly (shape {shape:.2f}, need more than -0.5): saturated or clipped scores. "
+            "Take a threshold by quantile (--threshold empirical)."
+        )
+    return shape, shape / theta * unit, by_moments
+
+
+def _excess_at(ratio: float, shape: float, scale: float) -> float:
+    """Excess that is exceeded by one in `ratio` exceedances."""
+    log = math.log(ratio)
+    return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
+
+
+def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
+    """Standard error of a threshold: delta method over the fraction k/n, scale and shape (Coles 2001, eq. 4.15)."""
+    ratio = k / n / pfa
+    power, log = ratio**shape, math.log(ratio)
+    by_fraction = scale * power * n / k
+    by_scale = _excess_at(ratio, shape, 1.0)
+    by_shape = scale * (log * power - by_scale) / shape if abs(shape) > 1e-6 else scale * log * log / 2
+    fraction = k / n
+    variance = (
+        by_fraction**2 * fraction * (1 - fraction) / n
+        + by_scale**2 * 2 * scale**2 * (1 + shape) / k
+        + by_shape**2 * (1 + shape) ** 2 / k
+        - 2 * by_scale * by_shape * scale * (1 + shape) / k
+    )
+    return math.sqrt(max(variance, 0.0))
+
+
+def _kolmogorov(excess: Float64, shape: float, scale: float) -> float:
+    """Largest distance between the distributions of scores and of the law; `excess` ascends."""
+    y = excess / scale
+    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
+    k = len(y)
+    ranks = np.arange(k) / k
+    return float(max(np.abs(1 - survival - ranks).max(), np.abs(1 - survival - ranks - 1 / k).max()))
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:

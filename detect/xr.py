@@ -6,8 +6,6 @@ Tiles are scored by the same functions as in `rxdetect score`, so the scores are
 no files.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -26,8 +24,7 @@ from .arrays import Array
 from .background import Background
 from .local import CELL
 from .pipeline import Recipe
-from .pipeline.fit import fit_background, fitted
-from .pipeline.plan import make_plan
+from .pipeline.plan import fit_background, fitted, make_plan
 from .pipeline.scoring import Scoring
 
 
@@ -105,18 +102,13 @@ def score(
     recipe = _recipe(recipe)
     if recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
-    if background is not None and background.names and not recipe.bands:
-        recipe = replace(recipe, bands=background.names)
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if background is None or recipe.mask == "water":  # else nothing is computed yet
         opened = replace(opened, scene=settled(opened.scene))
-    plan = make_plan(opened.scene, recipe, threads or default_threads())
-    if background is not None and plan.recipe.kind.matrices and background.bands != len(plan.bands):
-        raise InputError(f"the background has {background.bands} bands, the array is used with {len(plan.bands)}.")
-    plan = fitted(replace(plan, given=background or plan.given))
+    plan = fitted(make_plan(opened.scene, recipe, threads or default_threads(), background))
     work = Scoring(replace(plan, scene=replace(opened.scene, source=None), tiles=[]))  # type: ignore[arg-type]
-    reach = plan.halo + (plan.mask.water.halo if plan.mask.water else 0)
-    step = CELL if plan.rule else 1
+    reach = plan.halo + (plan.water[0].halo if plan.water else 0)
+    step = CELL if plan.window else 1
     scores = over_tiles(opened, partial(_scored, work), reach, (1, np.dtype(np.float32)), step=step, threads=threads)
     return opened.plane(scores[0], plan.recipe.method)
 

@@ -66,7 +66,7 @@ def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write
 
 
 def test_a_new_detector_is_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path, rxdetect):
-    monkeypatch.setitem(DETECTORS, "mine", replace(DETECTORS["rx"], summary="as rx, by another name"))
+    monkeypatch.setitem(DETECTORS, "mine", replace(DETECTORS["rx"]))
     source = write(tmp_path / "in.tif", sea())
     for method in ("mine", "rx"):
         ran = rxdetect("score", source, tmp_path / f"{method}.tif", "--method", method, "--mask", "none")

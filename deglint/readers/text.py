@@ -39,7 +39,7 @@ def read_json(path: str, option: str) -> Mapping[str, Any]:
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} ({option}) is not JSON: {error}. Save it as GeoJSON again.") from error
+        raise InputError(f"{path} ({option}) is not JSON: {error}. Save it again.") from error
     if not isinstance(document, Mapping):
-        raise InputError(f"{path} ({option}) is not GeoJSON: it holds no object.")
+        raise InputError(f"{path} ({option}) does not hold a JSON object. Save it again.")
     return document

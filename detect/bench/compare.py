@@ -4,8 +4,6 @@ A number is better or worse when its interval does not overlap the old one. A ti
 times of different machines are not compared.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

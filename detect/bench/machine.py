@@ -1,7 +1,5 @@
 """The machine, the versions and the command of a benchmark."""
 
-from __future__ import annotations
-
 import os
 import platform
 from contextlib import suppress

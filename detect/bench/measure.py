@@ -1,7 +1,5 @@
 """Error against the truth, and ROC curves of global RX."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

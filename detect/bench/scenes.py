@@ -5,8 +5,6 @@ for each reflectance. The sky is cardioidal: a brighter sky around the sun is mi
 truth itself, so that no method can distinguish it from glint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

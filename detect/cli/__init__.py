@@ -1,11 +1,11 @@
 """The command `rxdetect`: one module a command, loaded when it is called."""
 
-from __future__ import annotations
-
+import shlex
 import sys
 from typing import NoReturn
 
 import click
+from click.core import ParameterSource
 
 from deglint import __version__
 from deglint.cli import running
@@ -29,6 +29,18 @@ def cli() -> None:
     rxdetect roc scores.tif truth.tif --report roc.html
     rxdetect bench --quick
     """
+
+
+def command_line(*arguments: str) -> str:
+    """The current command with its arguments and the options that were given, to repeat it."""
+    context = click.get_current_context()
+    words = [*context.command_path.split(), *arguments]
+    for option in context.command.params:
+        source, value = context.get_parameter_source(option.name or ""), context.params.get(option.name or "")
+        if isinstance(option, click.Option) and source is ParameterSource.COMMANDLINE:
+            values = value if isinstance(value, tuple) else (value,)
+            words += [option.opts[0]] + [",".join(map(str, values))] * (not option.is_flag and not option.count)
+    return shlex.join(words)
 
 
 def main() -> NoReturn:

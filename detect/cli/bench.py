@@ -1,10 +1,7 @@
 """`rxdetect bench`: measure every removal method; `rxdetect bench compare`: what changed between two runs."""
 
-from __future__ import annotations
-
 import json
 import logging
-import shlex
 import tempfile
 import time
 from pathlib import Path
@@ -15,6 +12,8 @@ import click
 from deglint.cli.console import Console
 from deglint.cli.grouped import Judging
 from deglint.cli.options import FILE, names
+
+from . import command_line
 
 log = logging.getLogger(__name__)
 
@@ -59,14 +58,18 @@ def bench(out: str, **given: Any) -> None:
     from ..bench import report
     from ..bench.compare import as_json
     from ..bench.machine import load_now, provenance
-    from ..bench.run import Effort, measure
+    from ..bench.run import Effort, measure, removals
     from ..report.plots import check_installed
 
     check_installed("rxdetect bench")
     targets = Path(out), Path(given["json_file"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
-    effort = Effort.of(_wanted(given["only"]), quick=given["quick"], seeds=given["seeds"])
+    for name in given["only"]:
+        if name not in removals():
+            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(removals())}.", param_hint="--only")
+    wanted = [name for name in removals() if name in given["only"] or not given["only"]]
+    effort = Effort.of(wanted, quick=given["quick"], seeds=given["seeds"])
     check_targets(targets, {}, overwrite=given["overwrite"])
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:
@@ -77,30 +80,12 @@ def bench(out: str, **given: Any) -> None:
         for name, reason in found.refused.items():
             log.info("%s is left out: %s", name, reason)
         seconds = time.perf_counter() - start
-        made = provenance(_command(out, effort.seeds, given), quick=given["quick"], seeds=effort.seeds,
+        made = provenance(command_line(out), quick=given["quick"], seeds=effort.seeds,
                           seconds=seconds, load=load)  # fmt: skip
         with Scratch(overwrite=given["overwrite"]) as scratch:
             write_text(scratch, targets[0], report.page(found, made))
             write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
         log.info("%s and %s: written in %.0f s", *targets, seconds)
-
-
-def _wanted(only: tuple[str, ...]) -> list[str]:
-    """Removals to measure, in the order of the report."""
-    from ..bench.run import removals
-
-    known = list(removals())
-    for name in only:
-        if name not in known:
-            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(known)}.", param_hint="--only")
-    return [name for name in known if name in only or not only]
-
-
-def _command(out: str, seeds: int, given: dict[str, Any]) -> str:
-    """Command line that repeats this run."""
-    words = ["rxdetect", "bench", out, *["--quick"] * given["quick"]]
-    words += ["--only", ",".join(given["only"])] if given["only"] else []
-    return shlex.join([*words, "--seeds", str(seeds)])
 
 
 @click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
@@ -122,10 +107,11 @@ def compare(old: str, new: str, **given: Any) -> None:
     from dataclasses import asdict
 
     from deglint.raster.output import plain
+    from deglint.readers.text import read_json
 
     from ..bench.compare import compare as compared
 
-    found = compared(_read(old, "OLD.json"), _read(new, "NEW.json"))
+    found = compared(read_json(old, "OLD.json"), read_json(new, "NEW.json"))
     if given["as_json"]:
         click.echo(json.dumps(plain([asdict(change) for change in found]), indent=2))
     else:
@@ -136,16 +122,3 @@ def compare(old: str, new: str, **given: Any) -> None:
     bad = {"worse", "slower", "gone"}
     if given["fail_on"] and any(given["fail_on"] == "changed" or c.verdict in bad for c in found):
         raise click.exceptions.Exit(1)
-
-
-def _read(path: str, role: str) -> Any:
-    """The JSON in a file."""
-    from deglint.errors import InputError
-    from deglint.readers.text import read_text
-
-    try:
-        return json.loads(read_text(path, role))
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits is a plain ValueError
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path} ({role}) is not JSON: {error}. Give the file that rxdetect bench wrote.") from error

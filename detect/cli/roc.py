@@ -1,10 +1,7 @@
 """`rxdetect roc`: scores and truth in, a ROC report out."""
 
-from __future__ import annotations
-
 import json
 import logging
-import shlex
 import time
 from dataclasses import fields
 from pathlib import Path
@@ -15,6 +12,8 @@ import click
 from deglint.cli.console import Console
 from deglint.cli.grouped import Judging
 from deglint.cli.options import FILE
+
+from . import command_line
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +70,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     with Console(given) as console, environment():
         checksum = Checksum([*scores, truth, *([request.mask] if request.mask else [])])
         found = evaluate(request, console.progress)
-        made = provenance(request, _command(scores, truth, given), time.perf_counter() - start, checksum)
+        made = provenance(request, command_line(*scores, truth), time.perf_counter() - start, checksum)
         numbers = plain(found.numbers | {"made": made})
         if targets:
             with Scratch(overwrite=given["overwrite"]) as scratch:
@@ -87,16 +86,3 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
         for line in table(numbers):
             click.echo(line)
 # fmt: on
-
-
-def _command(scores: tuple[str, ...], truth: str, given: dict[str, Any]) -> str:
-    """Command line that repeats this run, with all values that affect the result."""
-    words = ["rxdetect", "roc", *scores, truth, "--pfa-max", f"{given['pfa_max']:g}"]
-    words += ["--bootstrap", str(given["draws"]), "--seed", str(given["seed"])]
-    for name in ("report", "mask", "block"):
-        if given[name] is not None:
-            words += [f"--{name}", str(given[name])]
-    flags = {"per_object": "--per-object", "connected": "--connected", "lower": "--lower-is-anomalous"}
-    for key, flag in (flags | {"overwrite": "--overwrite"}).items():
-        words += [flag] * bool(given[key])
-    return shlex.join(words)

@@ -1,7 +1,5 @@
 """`rxdetect score`: from a raster to a raster of scores, a threshold, and objects."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import fields
@@ -9,21 +7,9 @@ from typing import Any
 
 import click
 
+from deglint.cli import options
 from deglint.cli.console import Console
 from deglint.cli.grouped import SETTINGS, Grouped
-from deglint.cli.options import (
-    FILE,
-    AutoOr,
-    FileName,
-    cluster_of,
-    common,
-    creation_options,
-    names,
-    needs_output,
-    on_cluster,
-    opening,
-    parsed,
-)
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
@@ -33,14 +19,14 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
         first, second = map(kind, text.split(","))
         return first, second
 
-    return parsed(read, f"is not {name}, such as {example}.")
+    return options.parsed(read, f"is not {name}, such as {example}.")
 
 
 # fmt: off
 @click.command(cls=Grouped, context_settings=SETTINGS)
-@click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
-@click.argument("output", type=FILE, metavar="OUT")
-@click.option("--method", type=AutoOr("METHODS", "detect.rx"), default="auto",
+@click.argument("inputs", nargs=-1, type=options.FILE, metavar="IN [IN ...]")
+@click.argument("output", type=options.FILE, metavar="OUT")
+@click.option("--method", type=options.AutoOr("METHODS", "detect.rx"), default="auto",
               help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
               "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
               "regression on the NIR) with the whole background; local with the ring around each pixel; lines with "
@@ -50,31 +36,32 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
               help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold "
               "the largest object.")
-@click.option("--border", type=AutoOr("BORDERS", "detect.local", ()), default="shrink",
+@click.option("--border", type=options.AutoOr("BORDERS", "detect.local", ()), default="shrink",
               help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves "
               "inside.")
-@click.option("--covariance", type=AutoOr("COVARIANCES", "detect.background", ()), default="empirical",
+@click.option("--covariance", type=options.AutoOr("COVARIANCES", "detect.background", ()), default="empirical",
               help="How the covariance is estimated; mcd is robust, from the core of the background alone. local: "
               "empirical or ridge.")
 @click.option("--ridge", type=click.FloatRange(0), default=1e-3, metavar="SHARE",
               help="For --covariance ridge: add this share of each band's variance.")
 @click.option("--drop", type=click.IntRange(0), default=1, metavar="N",
               help="For subspace: leading eigenvectors to leave out.")
-@click.option("--background", type=FILE, default="", metavar="FILE|WINDOW", show_default="every valid pixel",
+@click.option("--background", type=options.FILE, default="", metavar="FILE|WINDOW", show_default="every valid pixel",
               help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
               "column,row,width,height, or a saved background.")
-@click.option("--save-background", type=FILE, metavar="FILE.json",
+@click.option("--save-background", type=options.FILE, metavar="FILE.json",
               help="Write the fitted background, to use on another scene.")
-@click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]",
+@click.option("-b", "--band", "bands", multiple=True, callback=options.names, metavar="BAND[,BAND]",
               show_default="the visible ones for sea, else all",
               help="Bands to use, by name or number (from 1).")
-@click.option("--mask", type=FileName("auto", "none", "water"), default="auto", metavar="auto|none|water|FILE|WINDOW",
+@click.option("--mask", type=options.FileName("auto", "none", "water"), default="auto",
+              metavar="auto|none|water|FILE|WINDOW",
               help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
               "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
               "sea, else everywhere.")
 @click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
-@click.option("--threshold", type=AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
+@click.option("--threshold", type=options.AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
               help="How the threshold is found: a law fitted to the highest scores (gpd), their own quantile "
               "(empirical), or the law of a normal background (F, or chi-squared), which real scenes seldom follow.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
@@ -82,30 +69,31 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
               metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
               "0,0 searches the mask as it is.")
-@click.option("--side", type=AutoOr("SIDES", "detect.sea"), default="auto",
+@click.option("--side", type=options.AutoOr("SIDES", "detect.sea"), default="auto",
               help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
-@click.option("--objects", type=FILE, metavar="FILE.geojson|.gpkg",
+@click.option("--objects", type=options.FILE, metavar="FILE.geojson|.gpkg",
               help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
               "QGIS style.")
 @click.option("--moving", is_flag=True,
               help="Give objects a speed and a heading; needs three bands or more at known, different times.")
-@click.option("--chips", type=FILE, metavar="FOLDER", help="Write a picture of every object: raw, clean, score.")
+@click.option("--chips", type=options.FILE, metavar="FOLDER",
+              help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
               help="Parts that are at most so far apart are one object.")
-@click.option("--p-value", type=FILE, metavar="FILE",
+@click.option("--p-value", type=options.FILE, metavar="FILE",
               help="Write the probability of such a score over a normal background.")
-@click.option("--flags", type=FILE, metavar="FILE",
+@click.option("--flags", type=options.FILE, metavar="FILE",
               help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
               "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "
               "may float, 128 attached to land.")
-@click.option("--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
+@click.option("--co", "options", multiple=True, callback=options.creation_options, metavar="NAME=VALUE",
               help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
-@on_cluster
-@common
+@options.on_cluster
+@options.common
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
@@ -122,17 +110,17 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     rxdetect score other.tif scores2.tif --background sea.json
     rxdetect score strip.tif scores.tif --lines --pfa 1e-4 --objects found.geojson
     """
-    needs_output(inputs, output, "rxdetect score")
+    options.needs_output(inputs, output, "rxdetect score")
     if given.pop("lines"):
         if given["method"] not in ("auto", "lines"):
             raise click.UsageError(f"--lines is a method of its own: leave out --method {given['method']}.")
         given["method"] = "lines"
-    with Console(given) as console, cluster_of(given) as cluster:
+    with Console(given) as console, options.cluster_of(given) as cluster:
         from ..pipeline import Recipe, score_file
 
         recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if f.name in given})
         result = score_file(
-            list(inputs), output, recipe, **opening(given), threads=given["threads"], cluster=cluster,
+            list(inputs), output, recipe, **options.opening(given), threads=given["threads"], cluster=cluster,
             progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
             background=given["save_background"], chips=given["chips"], overwrite=given["overwrite"],
             options=given["options"],

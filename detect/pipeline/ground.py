@@ -1,7 +1,5 @@
 """Positions and motion of objects on the ground: longitude and latitude, distances, bearings, speeds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +8,6 @@ import numpy as np
 
 from deglint.errors import InputError
 from deglint.readers.grid import at
-from deglint.readers.place import ground_area
 from deglint.scene import Scene
 
 from ..moving import FASTEST, Mover, find_moving
@@ -57,10 +54,9 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
     return [i for i, _ in known], [t for _, t in known]
 
 
-def motions(scene: Scene, found: Sequence[Object]) -> list[dict[str, Any]]:
+def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move."""
     bands, times = delayed_bands(scene)
-    area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
     if area is None:
         raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS.")
     pixel = math.sqrt(area)

@@ -1,10 +1,8 @@
 """Threshold and objects from a written score raster: detected pixels, their sizes and false-alarm rates, and files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +10,6 @@ import numpy as np
 from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
-from deglint.readers.place import ground_area
 from deglint.tiles import LONGEST_SIDE
 
 from .. import objects as marking
@@ -30,6 +27,8 @@ from .vectors import write_features
 
 Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
+Rated = tuple[Object, str, float, float]
+"""An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 CANDIDATES = 0.04
 """Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
 _UNKNOWN_PIERS = 3
@@ -47,16 +46,6 @@ def joined(parts: Sequence[Places]) -> Places:
     return rows[order], columns[order], scores[order]
 
 
-@dataclass(frozen=True, eq=False)
-class Rated:
-    """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
-
-    found: Object
-    kind: str
-    false_per_km2: float
-    probability: float
-
-
 class Marker:
     """Find the threshold of scores, and mark objects.
 
@@ -67,10 +56,9 @@ class Marker:
     def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: dict[int, Places]) -> None:
         self._plan, self._targets, self._scores, self._tail = plan, targets, scores, tail
         self._beside, self._attached = beside[sea.ALONGSIDE], beside[sea.ATTACHED]
-        recipe, scene = plan.recipe, plan.scene
-        area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
         self._options: dict[str, Any] = {
-            "min_size": recipe.min_size, "merge_distance": recipe.merge_distance, "pixel_area": area,
+            "min_size": plan.recipe.min_size, "merge_distance": plan.recipe.merge_distance,
+            "pixel_area": plan.pixel_area,
         }  # fmt: skip
         # kinds of objects that share the false alarms: afloat, and attached to land
         self._strata = 2 if len(self._beside[0]) else 1
@@ -82,7 +70,7 @@ class Marker:
         if recipe.threshold in ("chi2", "f") and law:
             found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
             return found.measured(tail.above(found.value), tail.n)
-        if self._plan.sea is None:
+        if self._plan.model is None:
             return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
         clutter = self._clutter
         if recipe.false_per_km2 is not None:
@@ -96,12 +84,10 @@ class Marker:
     @cached_property
     def _clutter(self) -> sea.Clutter:
         """Clutter: scores of the candidates that are not confirmed as objects."""
-        of_sea = self._plan.sea
-        assert of_sea is not None
-        assert of_sea.model is not None
-        q90, fine = of_sea.model.q90, of_sea.model.side == "both"
-        found = marking.find_among(*self._above(LOW * q90, self._beside))
-        return sea.clutter_of(self._tail, found, q90, area=self._tail.n * of_sea.area / 1e6, fine=fine)
+        model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
+        assert model is not None
+        found = marking.find_among(*self._above(LOW * model.q90, self._beside))
+        return sea.clutter_of(self._tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
@@ -122,13 +108,12 @@ class Marker:
 
     def objects(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold; on the sea in order of increasing number of false objects."""
-        of_sea = self._plan.sea
-        if of_sea is None:
+        model = self._plan.model
+        if model is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
-            return [Rated(o, "anomaly", math.nan, math.nan) for o in found]
-        assert of_sea.model is not None
+            return [(o, "anomaly", math.nan, math.nan) for o in found]
         clutter, share = self._clutter, self._strata
-        low = min(LOW * of_sea.model.q90, threshold.value)
+        low = min(LOW * model.q90, threshold.value)
         pixels = self._above(low, self._beside, self._attached)
         afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"
@@ -143,8 +128,8 @@ class Marker:
         # doi:10.1111/1467-9868.00346)
         false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
         real = 1 - np.minimum.accumulate(false[::-1])[::-1]
-        rated = [
-            Rated(o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
+        rated: list[Rated] = [
+            (o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
         ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
@@ -153,10 +138,10 @@ class Marker:
         for rank, o in enumerate(beside, start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
             if not rate > most:
-                rated.append(Rated(o, "alongside", rate, math.nan))
+                rated.append((o, "alongside", rate, math.nan))
         if clutter.area > 0:
-            rated.sort(key=lambda r: (r.false_per_km2, -r.found.score_top))
-        return [replace(r, found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
+            rated.sort(key=lambda r: (r[2], -r[0].score_top))
+        return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
         """Write the objects above a threshold; return their number, or None where no objects are requested."""
@@ -165,13 +150,13 @@ class Marker:
         if progress:
             progress("objects", 0, 1)
         rated = self.objects(threshold)
-        found, scene = [r.found for r in rated], self._plan.scene
+        found, scene = [o for o, *_ in rated], self._plan.scene
         chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
-        moved = motions(scene, found) if self._plan.recipe.moving else [{}] * len(found)
+        moved = motions(scene, self._plan.pixel_area, found) if self._plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
-            feature["properties"] |= _described(r, move) | motion
+            feature["properties"] |= _described(*r, move) | motion
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, self._targets.objects, document, geographic=move is not None)
@@ -180,16 +165,12 @@ class Marker:
         return len(rated)
 
 
-def _described(rated: Rated, move: Move | None) -> dict[str, Any]:
+def _described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
-    found = rated.found
-    known = math.isfinite(rated.false_per_km2)
-    score = found.score_max
-    if known:
-        score = -math.log10(max(rated.false_per_km2, 1e-300))
+    known = math.isfinite(rate)
     numbers: dict[str, Any] = {
-        "score": score, "false_per_km2": rated.false_per_km2 if known else None,
-        "probability": rated.probability if math.isfinite(rated.probability) else None, "kind": rated.kind,
+        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
+        "probability": real if math.isfinite(real) else None, "kind": kind,
     }  # fmt: skip
     length, width, angle = rectangle(found.footprint)
     bearing = None

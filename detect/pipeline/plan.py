@@ -1,9 +1,10 @@
-"""A recipe applied to one scene: bands, region to score, background and tiles."""
+"""A recipe applied to one scene: bands, region to score, tiles, and the statistics that a detector compares with."""
 
-from __future__ import annotations
-
+import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, role_bands
+from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
 from deglint.readers.place import ground_area
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
@@ -20,13 +22,16 @@ from deglint.scene import Scene
 from deglint.tiles import Tile
 
 from .. import sea
-from ..arrays import Mask
-from ..background import Background
+from ..arrays import Array, Mask, Uint8
+from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
-from ..rx import Detector
+from ..rx import Detector, both, detector
+from ..sea import SeaModel, SeaRule
 from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
+Water = tuple[WaterRule, tuple[int, ...]]
+"""How water is found, and 0-based bands of the scene that this takes."""
 SEA_TILE = 1024
 """Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""
 _STRIP_LINES = 64
@@ -42,28 +47,12 @@ _OTHERS: dict[str, tuple[Any, str]] = {
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
 """Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
+_SAMPLE_BLOCK = 1024
+"""Side of the blocks that the statistics of water are fitted to [pixel]."""
+_BLOCKS = 4
+"""Number of blocks for the fit; half of their area must be water."""
 UNKNOWN_PIXEL = 10.0
 """Assumed side of a pixel where the scene has no CRS [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class SeaPlan:
-    """Options and model of a search of the sea."""
-
-    rule: sea.SeaRule  # sizes of a pixel and of the largest floating object
-    area: float  # of a pixel [m2]; NaN where the scene has no CRS
-    nir: tuple[int, ...]  # 0-based NIR bands, which measure the glint of a pixel
-    model: sea.SeaModel | None = None  # None until it is fitted
-
-    @property
-    def pixel(self) -> float | None:
-        """Side of a pixel [m], where it is known."""
-        return self.rule.pixel if np.isfinite(self.area) else None
-
-    @property
-    def halo(self) -> int:
-        """Margin around a tile that its scores depend on [pixel]."""
-        return self.rule.halo + (self.model.halo if self.model else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +60,8 @@ class Plan:
     """A recipe applied to a scene: bands, mask, background and tiles.
 
     `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
-    (None: everywhere), unless `given` holds one. `rule` is the window of local RX, `sea` the plan of a search of the
-    sea; both are None for other methods. `background` and `ready` are None until they are fitted, and for methods that
-    have no background for the whole scene.
+    (None: everywhere), unless `given` holds one. `background`, `ready` and `model` are None until they are fitted, and
+    for methods that have none.
     """
 
     scene: Scene
@@ -83,14 +71,17 @@ class Plan:
     tiles: list[Tile]
     shape: tuple[int, int]
     threads: int
-    mask: Masking
+    mask: Area | None  # where to score
+    water: Water | None  # where to score, too
     area: Area | None
     given: Background | None
-    rule: WindowRule | None
     notes: tuple[str, ...]
-    sea: SeaPlan | None
+    window: WindowRule | None = None  # of "local"
+    sea: SeaRule | None = None  # of "sea"
+    glint: tuple[int, ...] = ()  # of "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
     background: Background | None = None
     ready: Detector | None = None
+    model: SeaModel | None = None
 
     @property
     def law(self) -> tuple[int, int] | None:
@@ -98,44 +89,40 @@ class Plan:
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:
-            return self.ready.rank, self.background.n
+            return len(self.ready.whiten), self.background.n
         inner, outer = self.recipe.window
         return len(self.bands), outer * outer - inner * inner
 
     @property
     def halo(self) -> int:
         """Margin around a tile that its scores depend on [pixel]."""
-        return self.rule.halo if self.rule else self.sea.halo if self.sea else 0
+        return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
+
+    @cached_property
+    def pixel_area(self) -> float | None:
+        """Area of a pixel [m2]; None where the scene has no CRS."""
+        return ground_area(self.scene.transform, self.scene.crs, self.scene.height, self.scene.width)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the bands in use."""
         return tuple(self.scene.names[b] for b in self.bands)
 
-
-@dataclass(frozen=True, eq=False)
-class Masking:
-    """Region to score: everywhere, inside an area, or water."""
-
-    area: Area | None = None
-    water: WaterRule | None = None
-    water_bands: tuple[int, ...] = ()
-
-    def read(self, scene: Scene, tile: Tile) -> Mask | None:
-        """Mask of a tile, (row, column) bool; None: everywhere."""
-        if self.area is not None:
-            return self.area.read(tile.window)
+    def read_mask(self, tile: Tile) -> Mask | None:
+        """Where to score in a tile, (row, column) bool; None: everywhere."""
+        if self.mask is not None:
+            return self.mask.read(tile.window)
         if self.water is None:
             return None
-        outer = tile.grown(self.water.halo, scene.height, scene.width)
-        found = water(scene.source.read(outer.window, list(self.water_bands)), self.water)
-        return np.asarray(found[tile.within(outer)])
+        rule, bands = self.water
+        outer = tile.grown(rule.halo, self.scene.height, self.scene.width)
+        return np.asarray(water(self.scene.source.read(outer.window, list(bands)), rule)[tile.within(outer)])
 
 
-def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene."""
-    recipe, mask, notes = _chosen(scene, recipe, threads)
-    given, area = _background(scene, recipe)
+def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
+    """Choose detector, bands, mask and tiles for a scene; `given` is a background that was fitted before."""
+    recipe, (mask, sea_mask), notes = _chosen(scene, recipe, threads)
+    given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
     if recipe.method == "residual":
@@ -144,24 +131,34 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int) -> Plan:
         if not set(found) <= set(bands):
             raise BandError("residual needs the NIR among the bands in use: name it with -b, too.")
         nir = tuple(bands.index(b) for b in found)
-    if mask.water is not None:
-        notes.append(mask.water.reason)
+    if sea_mask is not None:
+        notes.append(sea_mask[0].reason)
     shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
-    rule = search = None
     if recipe.method == "local":
-        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        rule = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
-        shape = _local_shape(shape, scene, threads)
+        rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
+        while scene.height * scene.width < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
+            rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
+        shape = rows * CELL, columns * CELL
     elif recipe.method == "sea":
-        search, shape = _sea_plan(scene, recipe), (SEA_TILE, SEA_TILE)
+        shape = SEA_TILE, SEA_TILE
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, area, given, rule, tuple(notes), search)
+    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, sea_mask, area, given, tuple(notes))
+    if recipe.method == "local":
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        window = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
+        return replace(plan, window=window)
+    if recipe.method == "sea":
+        pixel = math.sqrt(plan.pixel_area) if plan.pixel_area else UNKNOWN_PIXEL
+        low, high = _NIR
+        glint = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
+        return replace(plan, sea=SeaRule(pixel, *recipe.largest_object), glint=glint)
+    return plan
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking, list[str]]:
+def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
     """Replace "auto" in a recipe; return the recipe, its mask, and the reasons as notes."""
     if recipe.method != "auto":
         mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
@@ -172,12 +169,10 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Masking
         try:
             searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
             return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
-        except BandError as error:
-            why = str(error).split(";", 1)[0].split(". ", 1)[0]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
-            why = str(error).split(". ", 1)[0]
+            why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
     recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
@@ -191,11 +186,8 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
         return None, None
     if name.lower().endswith(".json"):
         text = read_text(name, "--background")
-        if '"background"' in text and '"covariance"' in text:
-            try:
-                return Background.from_json(text), None
-            except InputError as error:
-                raise InputError(f"{name} (--background): {error}") from error
+        if '"covariance"' in text:
+            return Background.from_json(text), None
     return None, open_area(name, scene, "--background")
 
 
@@ -217,36 +209,20 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
     return bands
 
 
-def _masking(scene: Scene, recipe: Recipe, threads: int) -> Masking:
+def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, Water | None]:
     if recipe.mask == "none":
-        return Masking()
+        return None, None
     if recipe.mask != "water":
-        return Masking(open_area(recipe.mask, scene, "--mask"))
+        return open_area(recipe.mask, scene, "--mask"), None
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return Masking(None, *known)
+        return None, known
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    return Masking(None, look.water, role_bands(look.roles))
-
-
-def _local_shape(shape: tuple[int, int], scene: Scene, threads: int) -> tuple[int, int]:
-    """Shape of tiles for local RX: multiples of its cells, small enough to occupy all threads."""
-    rows, columns = (-(-side // CELL) for side in shape)
-    while -(-scene.height // (rows * CELL)) * -(-scene.width // (columns * CELL)) < 2 * threads and rows * columns > 1:
-        rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
-    return rows * CELL, columns * CELL
-
-
-def _sea_plan(scene: Scene, recipe: Recipe) -> SeaPlan:
-    """Pixel size, size of floating objects, and NIR bands of a scene for a search of the sea; not yet fitted."""
-    area = ground_area(scene.transform, scene.crs, scene.height, scene.width)
-    pixel = float(np.sqrt(area)) if area else UNKNOWN_PIXEL
-    nir = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and _NIR[0] <= b.wavelength <= _NIR[1])
-    return SeaPlan(sea.SeaRule(pixel, *recipe.largest_object), area or float("nan"), nir)
+    return None, (look.water, role_bands(look.roles))
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
@@ -271,7 +247,7 @@ def visible_bands(scene: Scene) -> tuple[int, ...]:
     return tuple(found) if len(found) > 1 else tuple(range(len(scene.bands)))
 
 
-def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]] | None:
+def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Water rule from the sidecar of `deglint remove`, and its bands; None where the scene has no such sidecar.
 
     `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
@@ -287,3 +263,65 @@ def water_of_removal(scene: Scene, nir: int) -> tuple[WaterRule, tuple[int, ...]
         return None
     same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
     return (rule, bands) if rule.has_water and same else None
+
+
+def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
+    """Fit what the detector of a plan compares with; on threads, or by a cluster's `run`."""
+    if plan.sea is not None:
+        model = _fit_sea(plan, plan.sea)
+        return replace(plan, model=model, glint=plan.glint if model.glint else ())
+    if plan.recipe.kind.matrices is None:
+        return plan
+    background = plan.given or fit_background(plan, run, progress)
+    ready = detector(plan.recipe.method, background, drop=plan.recipe.drop, nir=plan.nir)
+    return replace(plan, background=background, ready=ready)
+
+
+def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
+    """Fit the background of a plan over its tiles."""
+    recipe, bands = plan.recipe, plan.bands
+    share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
+
+    def gather(tile: Tile) -> Part:
+        block = plan.scene.source.read(tile.window, list(bands))
+        area = None if plan.area is None else plan.area.read(tile.window)
+        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
+
+    told = progress and partial(progress, "fit")
+    done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    return whole.background(recipe.covariance, recipe.ridge, plan.names)
+
+
+def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
+    """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
+    scene, blocks, nir = plan.scene, [], []
+    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
+    if len(everything) > 1:
+        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
+    held = 0
+    for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
+        block, classes, shown = read_sea(plan, rule, tile)
+        count = int(np.count_nonzero(classes == sea.WATER))
+        if not count:
+            continue
+        blocks.append((block, classes))
+        nir.append(shown)
+        held += count
+        if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
+            break
+    if not blocks:
+        raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
+    side = None if plan.recipe.side == "auto" else plan.recipe.side
+    pixel = rule.pixel if plan.pixel_area else None
+    return sea.fit(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
+
+
+def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
+    """Pixels of a tile, (band, row, column), their classes from `detect.sea.region`, and the NIR that shows glint."""
+    values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
+    block, nir = np.split(values, [len(plan.bands)])
+    valid = np.asarray(np.isfinite(block).all(axis=0))
+    mask = plan.read_mask(tile)
+    water = valid if mask is None else np.logical_and(mask, valid)
+    return block, sea.region(water, rule, valid), nir

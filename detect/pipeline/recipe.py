@@ -1,7 +1,5 @@
 """Options of `rxdetect score` as frozen values: processing and output files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,7 +46,7 @@ class Recipe:
     pfa : float, optional
         Requested false-alarm rate per pixel.
     threshold : str
-        A key of `detect.threshold.THRESHOLDS`.
+        One of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
         Requested number of false objects per km2 of sea, instead of pfa; for "sea".
     largest_object : (float, float)
@@ -90,21 +88,17 @@ class Recipe:
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
-        local, by_law = method == "local", self.threshold in ("chi2", "f")
+        allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
         for wrong, message in (
-            (local and self.covariance not in ("empirical", "ridge"),
-             (f"local takes covariance empirical or ridge, got {self.covariance}: the ring of a pixel is too small to "
-             "estimate more.")),
-            (local and self.background,
-             "local takes the ring around each pixel as its background: leave out --background."),
+            (method in ("local", "lines") and (self.background or self.covariance not in allowed),
+             (f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
+             f"{' or '.join(allowed)}.")),
             (rate is not None and not rate > 0, f"false-per-km2: allowed is above 0, got {rate}."),
             (rate is not None and self.pfa is not None,
              "pfa and false-per-km2 both state the false-alarm rate: give one of them."),
             (rate is not None and method not in ("auto", "sea"),
              f"false-per-km2 needs --method sea, got {method}. Give --pfa."),
-            (method == "lines" and (self.background or self.covariance != "empirical"),
-             "lines are compared with the lines before: leave out --background and --covariance."),
-            (by_law and not self.kind.law and (method == "sea" or self.pfa is not None),
+            (self.threshold in ("chi2", "f") and not self.kind.law and (method == "sea" or self.pfa is not None),
              f"{method} scores follow neither chi-squared nor F: take --threshold gpd or empirical."),
         ):  # fmt: skip
             if wrong:

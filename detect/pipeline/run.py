@@ -1,7 +1,5 @@
 """All steps of `rxdetect score`: fit the background, score the tiles, find the threshold, mark objects, write files."""
 
-from __future__ import annotations
-
 import logging
 import os
 import time
@@ -10,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+from threadpoolctl import threadpool_limits
 
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
@@ -22,6 +22,8 @@ from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import check_images, check_targets
+from deglint.readers import open_scene
+from deglint.readers.stac import files_of
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import default_threads
@@ -31,12 +33,11 @@ from .. import sea
 from ..background import Background
 from ..lines import LineScorer
 from ..threshold import Tail, Threshold
-from .fit import fitted
 from .ground import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .plan import Plan, Progress, make_plan
+from .plan import Plan, Progress, fitted, make_plan
 from .recipe import Outputs, Recipe
-from .scoring import MEANINGS, Highest, PixelCounts, Scoring
+from .scoring import MEANINGS, PixelCounts, Scoring
 from .sidecar import describe, notes_on, warnings_of
 
 log = logging.getLogger(__name__)
@@ -111,10 +112,6 @@ def score_file(
     --------
     >>> score_file("clean.tif", "scores.tif", Recipe(method="local", window=(5, 21)))  # doctest: +SKIP
     """
-    from threadpoolctl import threadpool_limits
-
-    from deglint.readers import open_scene
-
     recipe = recipe or Recipe()
     reading = {name: options.pop(name) for name in READING if name in options}
     outputs: dict[str, Any] = {k: Path(v) if k in FILES and v else v for k, v in options.items()}
@@ -123,28 +120,17 @@ def score_file(
         raise InputError(f"threads: want at least 1, got {threads}.")
     targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # tiles already occupy all threads
-        read = _check_files(source, targets, recipe, str(reading.get("sensor") or ""))
+        given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
+        files = [file for name in given for file in files_of(name)]
+        named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(reading.get("sensor") or "")}
+        reads = {"the input": [*given, *files], **{option: [name] for option, name in named.items()}}
+        check_targets(targets.every(), reads, overwrite=targets.overwrite)
+        check_images(targets.image, targets.flags, targets.p_value)
         # before the files are opened, so that a change during the run is detected
-        checksum = Checksum(read, [recipe.background, recipe.mask])
+        checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
-
-
-def _check_files(source: str | Path | Sequence[str | Path], targets: Outputs, recipe: Recipe, sensor: str) -> list[str]:
-    """Check that no output is also an input, or exists without `overwrite`; return the files of the input."""
-    from deglint.readers.stac import files_of
-
-    given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
-    read = [file for name in given for file in files_of(name)]
-    check_targets(
-        targets.every(),
-        {"the input": [*given, *read], "--background": [recipe.background], "--mask": [recipe.mask],
-         "--sensor": [sensor]},
-        overwrite=targets.overwrite,
-    )  # fmt: skip
-    check_images(targets.image, targets.flags, targets.p_value)
-    return read
 
 
 def _run(
@@ -173,7 +159,9 @@ def _run(
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally, tail, beside = _write_tiles(scratch, plan, targets, run, progress)
         if not tally.scored:
-            raise NoWaterError(f"nothing to score in {scene.path}: {_why_nothing(tally)}. Check --nodata and --mask.")
+            outside = "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"
+            why = "no ring holds two valid pixels" if tally.too_few else outside
+            raise NoWaterError(f"nothing to score in {scene.path}: {why}. Check --nodata and --mask.")
         threshold, found = None, None
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
@@ -188,10 +176,8 @@ def _run(
             log.warning("%s", warning)
         seconds = round(time.perf_counter() - begun, 3)
         said = describe(plan, targets, threshold, tally, checksum)
-        said |= {"objects": found, "notes": [*scene.notes, *plan.notes, *notes], "warnings": warnings,
-                 "seconds": seconds}  # fmt: skip
-        if cluster:
-            said["cluster"] = cluster.numbers()
+        said |= {"objects": found, "notes": [*scene.notes, *plan.notes, *notes], "warnings": warnings}
+        said |= {"seconds": seconds} | ({"cluster": cluster.numbers()} if cluster else {})
         said = plain(said)
         write_json(scratch, targets.sidecar, said)
     marked = "" if found is None else f", {found} objects"
@@ -205,10 +191,10 @@ def _write_tiles(
     """Score and write all tiles; return counts, the highest scores, and the pixels attached to land by class."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
-    highest = Highest(Tail.keep_for(rate, pixels)) if recipe.thresholded else None
+    keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, highest, bool(targets.p_value), bool(targets.flags), lines)
-    tally = PixelCounts()
+    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
+    tally, tails = PixelCounts(), list[Tail]()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
@@ -218,9 +204,10 @@ def _write_tiles(
             tally.add(scored.tally)
             for which, places in scored.beside.items():
                 beside[which].append(places)
-            if highest and scored.tail:
-                highest.add(scored.tail)
-    return tally, highest.total() if highest else None, {k: joined(v) for k, v in beside.items()}
+            tails += [scored.tail] if scored.tail else []
+            if sum(len(tail.values) for tail in tails) > 2 * keep:
+                tails = [Tail.merge(tails)]
+    return tally, Tail.merge(tails) if tails else None, {k: joined(v) for k, v in beside.items()}
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
@@ -239,10 +226,3 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
     if targets.flags:
         images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
     return images
-
-
-def _why_nothing(tally: PixelCounts) -> str:
-    """Why no pixel has a score."""
-    if tally.too_few:
-        return "no ring holds two valid pixels"
-    return "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"

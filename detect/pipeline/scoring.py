@@ -1,9 +1,9 @@
-"""Processing of one tile: read, mask, score, flag and count; and the highest scores of all tiles."""
+"""Processing of one tile: read, mask, score, flag and count."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,13 @@ from deglint.tiles import Tile
 
 from .. import sea
 from .. import threshold as cutting
-from ..arrays import Array, Float32, Mask, Uint8
+from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
 from ..threshold import Tail
-from .fit import read_nir, read_sea
 from .mark import Places
-from .plan import Plan, SeaPlan
+from .plan import Plan, read_sea
 
 NOT_VALID, MASKED_OUT, NOT_BACKGROUND, PSEUDO_INVERSE, NO_RING = 1, 2, 4, 8, 16
 ON_RIM, FLOATS, BESIDE_LAND = 32, 64, 128
@@ -65,39 +64,12 @@ class Scored:
     beside: dict[int, Places] = field(default_factory=dict)
 
 
-class Highest:
-    """Highest scores of all tiles. Scores below `floor` are not among them and need not be kept."""
-
-    def __init__(self, keep: int) -> None:
-        self._whole, self._waiting = Tail(0, np.zeros(0, np.float32), keep), list[Tail]()
-        self.floor = -np.inf
-
-    def of(self, scores: Float32) -> Tail:
-        """Tail of a tile, without scores below `floor`."""
-        valid = int(np.count_nonzero(np.isfinite(scores)))
-        return replace(Tail.of(scores[scores >= self.floor], self._whole.keep), n=valid)
-
-    def add(self, tail: Tail) -> None:
-        """Add the tail of a tile."""
-        self._waiting.append(tail)
-        if sum(len(t.values) for t in self._waiting) > self._whole.keep:
-            self.total()
-
-    def total(self) -> Tail:
-        """Tail of all tiles so far."""
-        self._whole = Tail.merge([self._whole, *self._waiting])
-        self._waiting = []
-        if len(self._whole.values) == self._whole.keep:
-            self.floor = float(self._whole.values[-1])
-        return self._whole
-
-
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """Function that scores a tile, shared by the threads. Only `lines` and `highest` have a state."""
+    """Function that scores a tile, shared by the threads. Only `lines` has a state."""
 
     plan: Plan
-    highest: Highest | None = None
+    keep: int = 0  # highest scores that a tile returns
     want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
@@ -105,20 +77,24 @@ class Scoring:
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count."""
         plan = self.plan
-        if plan.sea is not None:
-            return self._of_sea(tile, plan.sea)
+        if plan.sea is not None and plan.model is not None:
+            return self._of_sea(tile, plan.sea, plan.model)
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
         block = plan.scene.source.read(outer.window, list(plan.bands))
-        mask = plan.mask.read(plan.scene, outer)
+        mask = plan.read_mask(outer)
         states = None
-        if plan.rule is not None:
+        if plan.window is not None:
             states = np.zeros(tile.shape, np.uint8)
-            scores = score_part(block, plan.rule, outer, tile, mask, flags=states)
+            scores = score_part(block, plan.window, outer, tile, mask, flags=states)
             block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
-        else:
-            scores = score(block, plan.ready, mask) if plan.ready else self._of_lines(block, mask)
+        elif plan.ready is not None:
+            scores = score(block, plan.ready, mask)
+        else:  # line by line, on one thread: the statistics depend on the order of the lines
+            assert self.lines is not None
+            kept = block if mask is None else np.where(mask, block, np.nan)
+            scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
-        tail = self.highest.of(found) if self.highest else None
+        tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:
             p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
@@ -130,25 +106,16 @@ class Scoring:
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_lines(self, block: Array, mask: Mask | None) -> Float32:
-        """Scores line by line, on one thread: the statistics depend on the order of the lines."""
-        assert self.lines is not None
-        if mask is not None:
-            block = np.where(mask, block, np.nan)
-        return np.stack([self.lines.score(line) for line in block.swapaxes(0, 1)])
-
-    def _of_sea(self, tile: Tile, search: SeaPlan) -> Scored:
+    def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""
         plan = self.plan
-        assert search.model is not None
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
-        block, classes = read_sea(plan, search, outer)
+        block, classes, nir = read_sea(plan, rule, outer)
         core = tile.within(outer)
-        nir = read_nir(plan, search, outer) if search.model.glint is not None else None
-        scores = sea.score(block, classes, search.model, nir)[core]
+        scores = sea.score(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
         afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
-        tail = self.highest.of(afloat) if self.highest else None
+        tail = Tail.of(afloat, self.keep) if self.keep else None
         flags = None
         if self.want_flags:
             bits = {

@@ -1,7 +1,5 @@
 """Sidecar of a score raster: versions, inputs, options, decisions and results."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 
@@ -14,7 +12,7 @@ from deglint.readers.text import read_json
 from ..local import STATES
 from ..sea import SEA_WINDOW
 from ..threshold import Threshold
-from .plan import UNKNOWN_PIXEL, Plan, SeaPlan
+from .plan import UNKNOWN_PIXEL, Plan
 from .recipe import Outputs
 from .scoring import MEANINGS, PixelCounts
 
@@ -36,7 +34,6 @@ def describe(
     if plan.recipe.method == "local":
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner
-    water = plan.mask.water
     numbers = plan.background.numbers() if plan.background else None
     if numbers and len(plan.bands) > _MOST_BANDS:
         numbers["covariance"] = "left out: --save-background writes it"
@@ -49,8 +46,8 @@ def describe(
         "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
         "recipe": recipe,
         "background": numbers,
-        "water": water.numbers() if water else None,
-        "sea": plan.sea.model.numbers() if plan.sea and plan.sea.model else None,
+        "water": plan.water[0].numbers() if plan.water else None,
+        "sea": plan.model.numbers() if plan.model else None,
         "threshold": asdict(threshold) if threshold else None,
         "pixels": asdict(tally),
     }
@@ -58,28 +55,18 @@ def describe(
 
 def notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
-    notes = [*_sea_notes(plan.sea), f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    if plan.sea and plan.model:
+        size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+        what = "brighter or darker" if plan.model.side == "both" else "brighter"
+        even = ", relative to water of the same NIR" if plan.model.glint else ""
+        notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
+        notes.append(f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{even}")
     if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
         notes.append(f"background: {where}, rank {background.rank} of {background.bands}{shrunk}")
     return notes
-
-
-def _sea_notes(search: SeaPlan | None) -> list[str]:
-    """Notes on a search of the sea; empty for other methods."""
-    if search is None or search.model is None:
-        return []
-    size = f"{search.rule.pixel:.3g} m" if search.pixel else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
-    what = "brighter or darker" if search.model.side == "both" else "brighter"
-    means = search.model.scales[1:]
-    also = f", also as means of {', '.join(map(str, means))} pixels" if means else ""
-    even = ", relative to water of the same NIR" if search.model.glint else ""
-    floats = f"{search.rule.length:g} m by {search.rule.width:g} m"
-    return [
-        f"sea: water, and holes in it that a ship of {floats} could fill; pixels {size}",
-        f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{also}{even}",
-    ]
 
 
 def warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:

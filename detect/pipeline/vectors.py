@@ -1,7 +1,5 @@
 """Write objects as GeoJSON, or as GeoPackage with a style for QGIS; coordinates are longitude and latitude (WGS 84)."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 from importlib.resources import files
@@ -25,9 +23,11 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
     write_text(scratch, path.with_suffix(".qml"), style)
     rows = [row["properties"] for row in document["features"]]
-    columns = {k: _sql_type(v) for row in rows for k, v in row.items() if v is not None}
+    types = {int: "INTEGER", float: "REAL"}
+    columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
-    shapes = [_polygons(feature["geometry"]) for feature in document["features"]]
+    drawn = [feature["geometry"] for feature in document["features"]]
+    shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
     boxes = [_box(polygons) for polygons in shapes]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(place) as db:
@@ -43,23 +43,10 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
         marks = ",?" * len(columns)
         db.executemany(
             f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
-            [(_binary(polygons, srs, box), *(_plain(row.get(c)) for c in columns))
+            [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
              for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
         )  # fmt: skip
     db.close()
-
-
-def _sql_type(value: Any) -> str:
-    return "INTEGER" if isinstance(value, int) else "REAL" if isinstance(value, float) else "TEXT"
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, (list, dict)) else value
-
-
-def _polygons(geometry: dict[str, Any]) -> list[Any]:
-    """Polygons of a geometry, each a list of rings."""
-    return [geometry["coordinates"]] if geometry["type"] == "Polygon" else list(geometry["coordinates"])
 
 
 def _box(polygons: list[Any]) -> tuple[float, float, float, float]:

@@ -1,26 +1,28 @@
-"""Compare score rasters with truth: all results of the report as plain numbers and text."""
-
-from __future__ import annotations
+"""Compare score rasters with truth on one grid: all results of the report as plain numbers and text."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deglint.errors import InputError
-from deglint.readers.grid import at
+from deglint.pipeline.overview import raster_of
+from deglint.readers import open_scene
+from deglint.readers.areas import open_area, polygons
+from deglint.readers.grid import at, same_grid
 from deglint.readers.place import ground_area
+from deglint.readers.text import read_json
+from deglint.scene import Scene
 
-from ..arrays import Array
-from ..objects import Object
+from ..arrays import Array, Int32, Mask
+from ..objects import Object, label
 from ..roc.bootstrap import Bands, bootstrap, default_grid
-from ..roc.curve import OperatingPoint, Roc
-from ..roc.delong import auc_interval, compare
-from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, object_curve
-from .inputs import Inputs, read_inputs
+from ..roc.curve import OperatingPoint, Roc, auc_interval, compare
+from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, number_objects, object_curve
 
 _WORST = 8
 _CURVE_POINTS = 400
@@ -40,6 +42,23 @@ class Request:
     per_object: bool = False
     lower: bool = False
     connected: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Names and scores of the detectors (higher is more anomalous), and the truth.
+
+    Pixels are valid in every score raster and in the truth, and inside the mask; `left_out` counts the others by
+    reason, and a pixel may count for several. `objects` has the number of the object of each pixel, 0 for background.
+    """
+
+    names: tuple[str, ...]
+    scores: tuple[Array, ...]
+    objects: Int32
+    valid: Mask
+    left_out: dict[str, int]
+    grid: Scene
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +101,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     ReadError
         A file cannot be read.
     """
-    inputs = read_inputs(request.scores, request.truth, request.mask, lower=request.lower, connected=request.connected)
+    inputs = read_inputs(request)
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
     tell = progress or (lambda *_: None)
     judged = []
@@ -93,12 +112,119 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
     tell("judge", len(judged), len(judged))
-    numbers = _scene_numbers(inputs, judged[0].roc, area) | {
+    grid, roc, notes = inputs.grid, judged[0].roc, list(inputs.notes)
+    for j in judged:
+        notes += j.bands.notes if j.bands is not None else ()
+        if j.objects is not None and j.objects.unseen:
+            notes.append(f"objects without a valid pixel, neither found nor missed: {len(j.objects.unseen)}")
+    n = len(roc.targets) + len(roc.background)
+    numbers = {
+        "scene": {
+            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
+            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
+        },
+        "pixels": {
+            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
+            "left_out": dict(inputs.left_out),
+            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
+        },
         "detectors": [j.numbers for j in judged],
         "comparisons": [_comparison(a, b, inputs) for a, b in combinations(judged, 2)],
-        "notes": [*inputs.notes, *_notes(judged)],
-    }
+        "notes": list(dict.fromkeys(notes)),
+    }  # fmt: skip
     return Evaluation(request, inputs, tuple(judged), numbers)
+
+
+def read_inputs(request: Request) -> Inputs:
+    """Read score rasters, and truth from a raster or a GeoJSON file."""
+    scores, truth, notes = request.scores, request.truth, list[str]()
+    scenes = [open_scene(path) for path in scores]
+    for path, scene in zip(scores[1:], scenes[1:], strict=True):
+        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
+    marks, known = _truth(truth, scenes[0], scores[0], notes)
+    for path, scene in zip(scores, scenes, strict=True):
+        if len(scene.bands) > 1:
+            notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
+    arrays = [_first_band(scene) for scene in scenes]
+    names = _names(scores)
+    reasons = {"not valid in the truth": known}
+    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
+    reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
+    if request.mask is not None:
+        whole = (0, scenes[0].height), (0, scenes[0].width)
+        reasons["outside the mask"] = open_area(request.mask, scenes[0], "--mask").read(whole)
+    left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
+    valid = np.logical_and.reduce([known, *reasons.values()])
+    turned = tuple(-array if request.lower else array for array in arrays)
+    objects = number_objects(marks, connected=request.connected)
+    parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
+    if parts > many:  # a number may be a class of objects
+        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
+                     "object (--connected: each part is one)")  # fmt: skip
+    return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
+
+
+def _first_band(scene: Scene) -> Array:
+    """The first band of a scene, (row, column)."""
+    with raster_of(scene) as source:
+        return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
+
+
+def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
+    """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
+    if Path(path).suffix.lower() in (".geojson", ".json"):
+        marks = _drawn(path, grid, notes)
+        return marks, np.ones(marks.shape, np.bool_)
+    scene = open_scene(path)
+    _check_grid(scene, f"TRUTH {path}", grid, f"SCORES {scores}")
+    if len(scene.bands) > 1:
+        raise InputError(f"TRUTH {path} has {len(scene.bands)} bands; want one, of 0 or an object's number.")
+    if raster_of(scene).info.nodatas[0] == 0:
+        notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
+        scene = open_scene(path, nodata="none")
+    marks = _first_band(scene)
+    known = np.isfinite(marks)
+    return np.where(known, marks, 0), known
+
+
+def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
+    """Features of a GeoJSON file drawn with their numbers, from 1; a pixel is in where its centre is."""
+    document = read_json(path, "TRUTH")
+    given = document.get("features")
+    features = given if isinstance(given, list) and given else [document]
+    out = np.zeros((grid.height, grid.width), np.int32)
+    empty = 0
+    for number, feature in enumerate(features, start=1):
+        one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
+        area = polygons(one, grid, path)
+        (top, bottom), (left, right) = (
+            np.clip(ends, 0, size).tolist() for ends, size in zip(area.bounds, out.shape, strict=True)
+        )
+        inside = area.read(((top, bottom), (left, right)))
+        out[top:bottom, left:right][inside] = number
+        empty += not inside.any()
+    if empty:
+        notes.append(f"{empty} of {len(features)} features of {path} hold no pixel's centre in the scene: left out")
+    return out
+
+
+def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
+    """Check that a scene has the grid of the reference."""
+    if not same_grid(raster_of(scene).info, grid):
+        sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
+        raise InputError(
+            f"{name} ({sizes[0]}) and {reference} ({sizes[1]}) must lie on one grid, of one size, place and CRS. "
+            "Warp one to the other, for example with rio warp --like."
+        )
+
+
+def _names(paths: Sequence[str]) -> tuple[str, ...]:
+    """Short names: the files' stems, or their paths where stems repeat."""
+    if len(set(paths)) < len(paths):
+        twice = next(path for path in paths if paths.count(path) > 1)
+        raise InputError(f"SCORES {twice} is given twice: leave one out.")
+    stems = [Path(p).stem for p in paths]
+    return tuple(stem if stems.count(stem) == 1 else path for stem, path in zip(stems, paths, strict=True))
 
 
 def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: float | None) -> Judged:
@@ -107,20 +233,26 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
     if request.draws:
-        at = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
+        grid = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
         bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
-                          block=request.block, pfa=at)  # fmt: skip
+                          block=request.block, pfa=grid)  # fmt: skip
     found = None
     if request.per_object:
         found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
     sign = -1.0 if request.lower else 1.0
-    square_km = None if area is None else np.count_nonzero(inputs.valid) * area / 1e6
+    square_km = np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
     worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     numbers = _figures(name, roc, request, bands) | {
         "operating_points": [_point(roc, r, bands, sign) for r in rates],
-        "worst_false_alarms": [_alarm(o, inputs, sign) for o in worst],
+        "worst_false_alarms": [
+            {"score_max": sign * o.score_max, "pixels": o.size, "row": o.centroid[0], "column": o.centroid[1]}
+            for o in worst
+        ],
     }
+    if inputs.grid.transform is not None:
+        for alarm in numbers["worst_false_alarms"]:
+            alarm["x"], alarm["y"] = at(inputs.grid.transform, alarm["column"] + 0.5, alarm["row"] + 0.5)
     if found is not None:
         for point in numbers["operating_points"]:
             point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
@@ -152,46 +284,31 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
     """Threshold, and fractions of detected pixels, at a false-alarm rate."""
     point = roc.point(rate)
-    out: dict[str, Any] = asdict(point) | {"threshold": sign * point.threshold, "pd_low": None, "pd_high": None}
-    if bands is not None:
-        at = int(np.argmin(np.abs(bands.pfa - rate)))
-        out |= {"pd_low": bands.low[at], "pd_high": bands.high[at]}
-    return out
+    low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
+    return asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high}
 
 
-def _called(
-    threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float | None
-) -> dict[str, Any]:
+def _called(threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float) -> dict[str, Any]:
     """Objects found and false alarms at a threshold."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
     return {
         "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
-        "false_alarms": alarms, "false_alarms_per_km2": None if square_km is None else alarms / square_km,
+        "false_alarms": alarms, "false_alarms_per_km2": alarms / square_km,
     }  # fmt: skip
 
 
-def _objects(found: ObjectCurve, sign: float, square_km: float | None) -> dict[str, Any]:
+def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
     """Every object, and how many are found at how many false alarms."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
-            "false_alarms": found.false_alarms,
-            "false_alarms_per_km2": None if square_km is None else found.false_alarms / square_km,
+            "false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km,
         },
         "unseen": list(found.unseen),
         "table": [
             asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects
         ],
     }  # fmt: skip
-
-
-def _alarm(found: Object, inputs: Inputs, sign: float) -> dict[str, Any]:
-    """Position and score of a false alarm."""
-    row, column = found.centroid
-    out = {"score_max": sign * found.score_max, "pixels": found.size, "row": row, "column": column}
-    if inputs.grid.transform is not None:
-        out["x"], out["y"] = at(inputs.grid.transform, column + 0.5, row + 0.5)
-    return out
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
@@ -201,31 +318,3 @@ def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
         low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))
     test = compare(a.scores, b.scores, inputs.objects, inputs.valid)
     return asdict(test) | {"first": a.name, "second": b.name, "bootstrap_low": low, "bootstrap_high": high}
-
-
-def _scene_numbers(inputs: Inputs, roc: Roc, area: float | None) -> dict[str, Any]:
-    """The scene, and its pixels."""
-    grid = inputs.grid
-    n = len(roc.targets) + len(roc.background)
-    return {
-        "scene": {
-            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
-            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
-        },
-        "pixels": {
-            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
-            "left_out": dict(inputs.left_out),
-            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
-        },
-    }  # fmt: skip
-
-
-def _notes(judged: Sequence[Judged]) -> list[str]:
-    """Warnings for the reader, without repetition."""
-    out: list[str] = []
-    for j in judged:
-        out += j.bands.notes if j.bands is not None else ()
-        if j.objects is not None and (many := len(j.objects.unseen)):
-            verbs = ("s have", "") if many > 1 else (" has", "s")
-            out.append(f"{many} object{verbs[0]} no valid pixel, and count{verbs[1]} neither as found nor as missed")
-    return list(dict.fromkeys(out))

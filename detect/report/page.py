@@ -1,7 +1,5 @@
 """The report as text, and as one HTML page (jinja2, matplotlib) without scripts or external files."""
 
-from __future__ import annotations
-
 import math
 import os
 import platform
@@ -82,27 +80,17 @@ def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
 
 
 def lead(numbers: dict[str, Any]) -> str:
-    """Summary of the results in one or two sentences."""
-    detectors = numbers["detectors"]
-    n = max(detectors, key=lambda d: d["partial_auc"]["raw"])
-    point = min(n["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
-    boot = n["bootstrap"]
-    span = f" ({interval(boot['low'], boot['high'])})" if boot else ""
-    ranks = f"a target pixel scores higher than a background pixel with probability {n['auc']:.4f}{span}"
-    name = n["name"] + (", which does best at low false-alarm rates," if len(detectors) > 1 else "")
-    if point is None:
-        return f"With {name} {ranks}."
-    at = f"At a false-alarm rate of {point['pfa_designed']:g}, {name}"
-    share = f"{100 * point['pd']:.3g} % of the target pixels"
-    if "objects_found" not in point:
-        return f"{at} detects {share}; {ranks}."
-    alarms = counted(point["false_alarms"], "false alarm")
-    if point["false_alarms_per_km2"] is not None:
-        alarms += f" ({point['false_alarms_per_km2']:.4g} per km²)"
-    return (
-        f"{at} finds {point['objects_found']} of {counted(point['objects'], 'object')}, with {alarms} in the scene. It "
-        f"detects {share}; {ranks}."
-    )
+    """Summary of the best detector in one sentence."""
+    best = max(numbers["detectors"], key=lambda d: d["partial_auc"]["raw"])
+    said = f"{best['name']}: a target pixel scores higher than a background pixel with probability {best['auc']:.4f}"
+    point = min(best["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
+    if point is not None:
+        rate, share = point["pfa_designed"], point["pd"]
+        said += f"; at a false-alarm rate of {rate:g}, {share:.1%} of the target pixels are detected"
+        if "objects_found" in point:
+            alarms = counted(point["false_alarms"], "false alarm")
+            said += f", and {point['objects_found']} of {counted(point['objects'], 'object')} are found with {alarms}"
+    return f"{said}."
 
 
 def table(numbers: dict[str, Any]) -> list[str]:

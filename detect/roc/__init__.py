@@ -5,8 +5,7 @@ a threshold: higher is more anomalous. What is not finite, or not valid, is left
 """
 
 from .bootstrap import Bands, bootstrap
-from .curve import OperatingPoint, Roc
-from .delong import AucInterval, Comparison, auc_interval, compare
+from .curve import AucInterval, Comparison, OperatingPoint, Roc, auc_interval, compare
 from .per_object import ObjectCurve, ObjectScore, count_false_alarms, false_alarms, number_objects, object_curve
 
 __all__ = [

@@ -27,10 +27,9 @@ from ..arrays import Array, Float64, Mask
 from .curve import Roc, usable
 
 _LEVELS = 1024
-_FEW_OBJECTS = 10
+_FEW_PIECES = 10
 _LEVEL = 0.95
 _DRAWS_AT_A_TIME = 100
-_DENSE = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,29 +106,17 @@ def bootstrap(
     tails = [50 * (1 - _LEVEL), 50 * (1 + _LEVEL)]
     low, high = np.percentile(pds, tails, axis=0)
     auc = np.percentile(areas, tails)
-    objects_drawn, blocks_drawn = targets.shape[0], background.shape[0]
+    drawn = {"objects": targets.shape[0], "blocks": background.shape[0]}
+    few = [f"few {what} ({n}): intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
     return Bands(
         pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
-        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, objects=objects_drawn, blocks=blocks_drawn,
-        notes=_notes(objects_drawn, blocks_drawn),
+        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
     )  # fmt: skip
 
 
 def default_grid(background: int) -> Float64:
     """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
-
-
-def _notes(objects: int, blocks: int) -> tuple[str, ...]:
-    """Reasons why the intervals are too narrow."""
-    out = []
-    if objects == 1:
-        out.append("one object: how much another would differ cannot be known; intervals hold for this object alone")
-    elif objects < _FEW_OBJECTS:
-        out.append(f"only {objects} objects: percentile intervals are too narrow")
-    if blocks < _FEW_OBJECTS:
-        out.append(f"only {blocks} block{'s' * (blocks > 1)} of background: intervals are too narrow")
-    return tuple(out)
 
 
 def _levels(roc: Roc) -> Array:
@@ -167,24 +154,21 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
     target = ok & (objects != 0)
     names, which = np.unique(objects[target], return_inverse=True)
     at = np.searchsorted(levels, scores[target], side="right")
-    targets = coo_array((np.ones(len(at), np.int64), (which, at)), shape=(len(names), bins)).tocsr()
-    return _dense(targets), _dense(vstack(background, format="csr"))
+    targets = coo_array((np.ones(len(at)), (which, at)), shape=(len(names), bins)).tocsr()
+    return targets, vstack(background, format="csr").astype(np.float64)
 
 
-def _dense(counts: Any) -> Any:
-    """Few pieces as a plain array, which is multiplied faster; many stay sparse, for memory."""
-    counts = counts.astype(np.float64)
-    return counts.toarray() if counts.shape[0] * counts.shape[1] <= _DENSE else counts
-
-
-def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
+def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
     """Area and Pd at each Pfa for every draw."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):
         some = slice(start, min(start + _DRAWS_AT_A_TIME, draws))
         size = some.stop - some.start
-        t, b = (_times(rng, pieces.shape[0], size) @ pieces for pieces in (targets, background))
+        t, b = (
+            rng.multinomial(n, np.full(n, 1 / n), size).astype(np.float64) @ pieces
+            for n, pieces in ((pieces.shape[0], pieces) for pieces in (targets, background))
+        )
         m, n = t.sum(axis=1, keepdims=True), b.sum(axis=1, keepdims=True)
         below = np.cumsum(b, axis=1) - b / 2
         areas[some] = (t * below).sum(axis=1) / (m * n)[:, 0]
@@ -193,8 +177,3 @@ def _draw(targets: Float64, background: Float64, at: Float64, draws: int, seed: 
             last = np.searchsorted(false[i], at * n[i] * (1 + 1e-12), side="right")
             pds[start + i] = np.append(0, found[i])[last] / m[i]
     return areas, pds
-
-
-def _times(rng: np.random.Generator, pieces: int, size: int) -> Float64:
-    """Number of times that each piece is drawn, (size, pieces): as many draws as pieces, with replacement."""
-    return rng.multinomial(pieces, np.full(pieces, 1 / pieces), size).astype(np.float64)

@@ -1,14 +1,19 @@
-"""The ROC curve of a scene and every figure that is read off it.
+"""The ROC curve of a scene, every figure that is read off it, and DeLong's standard error of its area.
 
 The scores of targets and of background are sorted by themselves, and every figure follows from where target scores
 fall among background scores: no pixel is paired with another, and none is left out for speed.
+
+DeLong's intervals take pixels as independent. Those of an image are not: neighbours share target, glint and sensor. So
+the intervals are too narrow for images; `bootstrap` over objects and blocks is valid.
 
 References
 ----------
 Hanley, McNeil (1982), Radiology 143, 29-36, doi:10.1148/radiology.143.1.7063747 (area). McClish (1989), "Analyzing a
 portion of the ROC curve", Medical Decision Making 9, 190-195, doi:10.1177/0272989X8900900307. Chang (2021), "An
 effective evaluation tool for hyperspectral target detection: 3D receiver operating characteristic curve analysis",
-IEEE TGRS 59, 5131-5153, doi:10.1109/TGRS.2020.3021671.
+IEEE TGRS 59, 5131-5153, doi:10.1109/TGRS.2020.3021671. DeLong, DeLong, Clarke-Pearson (1988), Biometrics 44, 837-845,
+doi:10.2307/2531595; by ranks, in O(n log n), as Sun, Xu (2014), IEEE Signal Processing Letters 21, 1389-1393,
+doi:10.1109/LSP.2014.2337313.
 """
 
 from __future__ import annotations
@@ -16,13 +21,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from deglint.errors import InputError
 
 from ..arrays import Array, Float64, Int64, Mask
+
+_Z = 1.959963984540054
+"""Half-width of a normal interval of 95 % in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +85,7 @@ class Roc:
         scores, truth = np.asarray(scores), np.asarray(truth)
         ok = usable(scores, truth, valid)
         target = truth != 0
-        whole = scores.dtype.kind in "iub" and scores.itemsize < 8  # of 64 bits, not all are numbers of float64
-        kept = scores.astype(np.float64) if whole else scores
+        kept = scores.astype(np.float64) if scores.dtype.kind in "iub" else scores
         targets, background = (np.sort(kept[part]) for part in (ok & target, ok & ~target))
         left_out = scores.size - targets.size - background.size
         _check(targets, background, left_out)
@@ -98,13 +104,9 @@ class Roc:
         _, counts, below, upto = self._steps
         n, m = len(self.background), len(self.targets)
         reached = np.cumsum(counts[::-1])
-        false = np.empty(2 * len(counts) + 2, np.int64)
-        found = np.empty_like(false)
-        false[0] = found[0] = 0
-        false[1:-1:2], false[2:-1:2] = n - upto[::-1], n - below[::-1]
-        found[1:-1:2], found[2:-1:2] = reached - counts[::-1], reached
-        false[-1], found[-1] = n, m
-        return false / n, found / m
+        false = np.column_stack([n - upto[::-1], n - below[::-1]]).ravel()
+        found = np.column_stack([reached - counts[::-1], reached]).ravel()
+        return np.concatenate([[0], false, [n]]) / n, np.concatenate([[0], found, [m]]) / m
 
     @cached_property
     def auc(self) -> float:
@@ -144,38 +146,6 @@ class Roc:
         found = np.cumsum(counts[::-1])
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
 
-    def plot(self, ax: Any = None, *, label: str | None = None) -> Any:
-        """Draw Pd over Pfa on a logarithmic axis; needs matplotlib (`pip install 'deglint[reports]'`).
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-        label : str, optional
-            Name of the detector; the AUC is added.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        InputError
-            matplotlib is not installed.
-        """
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError:
-            raise InputError("Roc.plot needs matplotlib: pip install 'deglint[reports]'.") from None
-        ax = plt.figure(figsize=(5, 4)).add_subplot() if ax is None else ax
-        pfa, pd = self.vertices
-        name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
-        ax.plot(pfa, pd, label=name)
-        ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),
-               xlabel="observed false-alarm rate", ylabel="detected share of target pixels")  # fmt: skip
-        ax.legend(loc="lower right")
-        return ax
-
     @cached_property
     def average_precision(self) -> float:
         """Sum of precision over steps of recall, not interpolated; it depends on how rare targets are."""
@@ -206,6 +176,84 @@ class Roc:
         return out | {"snpr": d / f if f > 0 else math.inf}
 
 
+@dataclass(frozen=True)
+class AucInterval:
+    """An area with its DeLong standard error and interval; NaN where one target or one background pixel carries it."""
+
+    auc: float
+    standard_error: float
+    low: float
+    high: float
+    level: float = 0.95
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Difference of two areas on the same pixels, the first less the second, with its interval."""
+
+    auc: tuple[float, float]
+    difference: float
+    standard_error: float
+    z: float  # NaN where the standard error is 0 and the areas are equal
+    p: float  # two-sided; 1 there
+    low: float
+    high: float
+    level: float = 0.95
+    pixels: int = 0  # valid in both
+
+
+def auc_interval(roc: Roc) -> AucInterval:
+    """Area with DeLong's standard error and its normal interval, cut to 0..1 (DeLong 1988, eq. 6)."""
+    error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
+    return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
+
+
+def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
+    """DeLong's paired test of two detectors on the same pixels.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        Scores; a pixel counts where both are valid.
+    truth : ndarray of the same shape
+        A target where it is not 0.
+    valid : ndarray of bool, optional
+
+    Raises
+    ------
+    InputError
+        As `Roc.of`.
+    """
+    first, second, truth = np.asarray(first), np.asarray(second), np.asarray(truth)
+    ok = usable(first, truth, valid) & usable(second, truth)
+    target, background = ok & (truth != 0), ok & (truth == 0)
+    rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
+    one, two = (_components(s[target], s[background], r) for s, r in zip((first, second), rocs, strict=True))
+    difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = float(np.divide(difference, error))
+    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # the same ranks everywhere
+    low, high = difference - _Z * error, difference + _Z * error
+    pixels = int(np.count_nonzero(ok))
+    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
+
+
+def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:
+    """Fraction of the background below each target, and of the targets above each background pixel, ties as halves."""
+    below, at_least = (
+        (np.searchsorted(others, own, "left") + np.searchsorted(others, own, "right")) / (2 * len(others))
+        for own, others in ((targets, roc.background), (background, roc.targets))
+    )
+    return below, 1 - at_least
+
+
+def _variance(v10: Float64, v01: Float64) -> float:
+    """Variance of an area from its components; NaN where there is a single target or background pixel."""
+    if min(len(v10), len(v01)) < 2:
+        return math.nan
+    return float(v10.var(ddof=1) / len(v10) + v01.var(ddof=1) / len(v01))
+
+
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
     """Which pixels count: neither score nor truth is NaN, and `valid` allows them. All are of one shape."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
@@ -226,13 +274,12 @@ def _check_pfa(pfa: float) -> None:
 
 def _check(targets: Array, background: Array, left_out: int) -> None:
     """Check that scores give a curve."""
-    aside = f" ({left_out} pixels that are not valid were left out)" if left_out else ""
-    if not len(targets) + len(background):
-        raise InputError(f"no valid pixel to score{aside}. Check nodata, the mask and the truth.")
-    if not len(targets):
-        raise InputError(f"truth marks no target among {len(background)} valid pixels{aside}. Mark targets by not 0.")
-    if not len(background):
-        raise InputError(f"truth marks all {len(targets)} valid pixels as targets{aside}. Mark background by 0.")
+    if not (len(targets) and len(background)):
+        aside = f" ({left_out} left out as not valid)" if left_out else ""
+        raise InputError(
+            f"a curve needs targets (truth is not 0) and background (truth is 0), got {len(targets)} and "
+            f"{len(background)} valid pixels{aside}. Check nodata, the mask and the truth."
+        )
     low, high = min(targets[0], background[0]), max(targets[-1], background[-1])
     if not (np.isfinite(low) and np.isfinite(high)):
         raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")

@@ -65,7 +65,7 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     Raises
     ------
     InputError
-        Numbers are not whole, or have more than 32 bits.
+        Numbers are not whole.
     """
     truth = np.asarray(truth)
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
@@ -76,13 +76,7 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
             f"truth: allowed are 0 and integers, the numbers of objects, got {names[names != np.rint(names)][0]:g}. "
             "SCORES come first, TRUTH last."
         )
-    out = np.zeros(truth.shape, np.int32)
-    inside = np.isin(truth, names)
-    low, high = float(names[0]), float(names[-1])
-    if low < -(2**31) or high >= 2**31:
-        raise InputError(f"truth: allowed are object numbers of 32 bits, got {low:g} to {high:g}.")
-    out[inside] = truth[inside].astype(np.int32)
-    return out
+    return np.where(np.isin(truth, names), truth, 0).astype(np.int32)
 
 
 def object_curve(
@@ -100,32 +94,26 @@ def object_curve(
     valid : (row, column) ndarray of bool, optional
     pfa_max : float
         Thresholds of a higher pixel Pfa are not looked at: false alarms run into one another there.
-
-    Raises
-    ------
-    InputError
-        No object has a valid pixel.
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
-    if not scored:
-        raise InputError("truth marks no object with a valid pixel: mark each by a number of its own, or by 1.")
     unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored])
     every = np.array([o.score_max for o in scored])
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
-    levels = np.unique(np.append(levels, _limits(roc, pfa_max)))[::-1]
-    n = len(roc.background)
-    low = roc.background.dtype.type
-    false = [n - int(np.searchsorted(roc.background, low(t), "left")) for t in levels]
+    n, own = len(roc.background), roc.background.dtype.type
+    # and round values of Pfa, so that the curve goes on where no object is found
+    limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], own)
+    levels = np.unique(np.append(levels, np.nextafter(limits, own(np.inf)).astype(np.float64)))[::-1]
+    exact = levels.astype(own)
     return ObjectCurve(
         objects=scored,
         unseen=tuple(int(i) for i in unseen),
         thresholds=levels,
         found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
-        false_alarms=np.array([count_false_alarms(scores >= low(t), objects, ok) for t in levels], np.int64),
-        pfa=np.array(false) / n,
+        false_alarms=np.array([count_false_alarms(scores >= t, objects, ok) for t in exact], np.int64),
+        pfa=(n - np.searchsorted(roc.background, exact)) / n,
     )
 
 
@@ -134,13 +122,6 @@ def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | 
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
     return find(mask & ~np.isin(labels, touched), scores)
-
-
-def _limits(roc: Roc, pfa_max: float) -> Float64:
-    """Thresholds at round values of Pfa, so that the curve goes on where no object is found."""
-    rates = [r for r in RATES if 1 / len(roc.background) <= r <= pfa_max]
-    limits = np.array([roc.point(r).threshold for r in rates], roc.background.dtype)
-    return np.nextafter(limits, limits.dtype.type(np.inf)).astype(np.float64)
 
 
 def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:

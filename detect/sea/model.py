@@ -7,14 +7,14 @@ the median and the 99.9 % quantile of its distances over water; the score is the
 are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
 the statistics are computed again.
 
-Residual glint grows with the original glint, which the NIR shows. Where the NIR is given, scores are divided by the
-usual score of water with the same NIR (`detect.sea.glint`).
+Where the NIR is given, scores are divided by the usual score of water with the same NIR (`GlintScale`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,9 @@ from deglint.checks import check_choice
 from deglint.errors import NoWaterError
 from deglint.morphology import grown
 
-from ..arrays import Array, Float32, Float64
+from ..arrays import Array, Float32, Float64, Mask
 from ..covariance import whitener
-from .glint import GlintScale
-from .region import ALONGSIDE, RIM, WATER, Classes
+from .region import RIM, WATER, Classes
 
 SIDES = ("bright", "both")
 """Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
@@ -50,6 +49,68 @@ _FAR = 1e4
 """Values are clipped to this many robust standard deviations: float32 sums over a window stay precise."""
 _RARE = 1e-3
 """Fraction of water above the upper quantile that normalises the scales."""
+
+
+_CLASSES = 32
+"""Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
+_USUAL = 0.75
+"""Quantile of the scores of a class that is its usual score. Objects on less than a quarter of the pixels do not change
+it."""
+_LAST_FACTOR = 0.9
+"""Quantile of the NIR above which the divisor is constant: there, boats and swimmers are as bright as glint. On a
+simulated sea with pixels of 1.24 m, 1 finds no boat, and 0.75 finds two submerged objects fewer."""
+_REACH = 3
+"""Side of the window over which the maximum of the NIR is taken [pixel]: waves move by about a pixel between bands."""
+
+
+@dataclass(frozen=True, eq=False)
+class GlintScale:
+    """Usual score of water in each class of the NIR, by which its scores are divided.
+
+    Residual glint is a heavy-tailed noise, whose standard deviation grows with the glint of the pixel. After division
+    water scores alike everywhere, and a submerged object is found where the glint above it is weak. Floating objects
+    are bright in the NIR themselves, so that the divisor is constant above the 90 % quantile of the NIR.
+    """
+
+    centre: Float64  # (band,): median of the NIR over water
+    spread: Float64  # (band,): robust standard deviation of the NIR over water
+    side: int  # of the largest averaging window of the scores [pixel]
+    glint: Float64  # (class,): standardised NIR, see `nearby`
+    factor: Float64  # (class,): usual score relative to that of the scene; does not decrease
+
+    @classmethod
+    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
+        """Fit the scale to the NIR, (band, row, column), and the scores of the water of blocks of a scene."""
+        values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
+        centre, spread = _robust(np.nan_to_num(values))
+        flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
+        glint = np.concatenate([flat.nearby(n)[w] for n, w in zip(nir, water, strict=True)])
+        scored = np.concatenate([s[w] for s, w in zip(scores, water, strict=True)])
+        edges = np.unique(np.quantile(glint, np.linspace(0, 1, _CLASSES + 1)))
+        usual = float(np.quantile(scored, _USUAL))
+        if len(edges) < 3 or not usual > 0:
+            return flat
+        at = np.clip(np.searchsorted(edges, glint, side="right") - 1, 0, len(edges) - 2)
+        order = np.argsort(at, kind="stable")
+        parts = np.split(order, np.cumsum(np.bincount(at, minlength=len(edges) - 1))[:-1])
+        found = [(np.median(glint[p]), np.quantile(scored[p], _USUAL) / usual) for p in parts if len(p)]
+        middle, factor = np.array(found, np.float64).T
+        factor = np.maximum.accumulate(np.maximum(factor, 1e-3))
+        last = factor[int(_LAST_FACTOR * (len(factor) - 1) + 0.5)]
+        return cls(centre, spread, side, middle, np.minimum(factor, last))
+
+    def nearby(self, nir: Array) -> Float32:
+        """Local maximum of the NIR [standard deviation], averaged over the window of the scores; (row, column)."""
+        import cv2
+
+        centre, spread = self.centre[:, None, None], self.spread[:, None, None]
+        standard = (np.nan_to_num(np.asarray(nir, np.float32)) - centre) / spread
+        highest = cv2.dilate(standard.max(axis=0).astype(np.float32), np.ones((_REACH, _REACH), np.uint8))
+        return np.asarray(cv2.blur(highest, (self.side, self.side)))
+
+    def even(self, scores: Array, nir: Array) -> Float32:
+        """Scores divided by the usual score of water with the same NIR; (row, column)."""
+        return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +155,12 @@ def fit(
     side = side or ("both" if fine else "bright")
     scales = _FINE_SCALES if fine else SCALES
     check_choice(side, list(SIDES), "side")
-    centre, spread = _robust(blocks)
-    bands = len(centre)
+    water = [(classes == WATER) & np.isfinite(block).all(axis=0) for block, classes in blocks]
+    sample = np.concatenate([np.asarray(b, np.float64)[:, w] for (b, _), w in zip(blocks, water, strict=True)], axis=1)
+    bands, pixels = sample.shape
+    if pixels < 100:
+        raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
+    centre, spread = _robust(sample)
     model = SeaModel(
         centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
         np.ones(len(scales)), 1.0, scales, side=side,
@@ -136,18 +201,14 @@ class _State:
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
         self.sea = (classes > 0) & valid
-        water = ((classes == WATER) | (classes == RIM)) & valid
+        self.water = ((classes == WATER) | (classes == RIM)) & valid
         self.open = (classes == WATER) & valid
-        self.shore = classes == ALONGSIDE
-        shape = (-1, 1, 1)
-        x = (np.asarray(block, np.float32) - model.centre.reshape(shape)) / model.spread.reshape(shape)
-        x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
-        self.x = x
+        x = (np.asarray(block, np.float32) - model.centre[:, None, None]) / model.spread[:, None, None]
+        self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
-        self.water = water
         # there are no statistics yet: exclude pixels as bright as land
-        self.used = water & (np.abs(self.means[-1]) < 30).all(axis=0)
+        self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
         """Mean of the used water within the window, (band, row, column), and number of its pixels, (row, column)."""
@@ -168,7 +229,6 @@ class _State:
 
     def narrow(self, model: SeaModel) -> None:
         """Exclude pixels that are far from the water, and two pixels around each, from the statistics."""
-
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         self.used = self.water & ~grown(far, 5)
@@ -189,15 +249,8 @@ def _distance(z: Array, white: Float64, side: str) -> Float32:
     return np.asarray(d, np.float32)
 
 
-def _robust(blocks: Sequence[tuple[Array, Classes]]) -> tuple[Float64, Float64]:
-    """Median and robust standard deviation of water in every band."""
-    parts = []
-    for block, classes in blocks:
-        water = (classes == WATER) & np.isfinite(block).all(axis=0)
-        parts.append(np.asarray(block, np.float64)[:, water])
-    sample = np.concatenate(parts, axis=1)
-    if sample.shape[1] < 100:
-        raise NoWaterError(f"{sample.shape[1]} pixels of water are too few to compare with. Check --mask.")
+def _robust(sample: Float64) -> tuple[Float64, Float64]:
+    """Median and robust standard deviation of every band of a sample, (band, pixel)."""
     centre = np.median(sample, axis=1)
     spread = 1.4826 * np.median(np.abs(sample - centre[:, None]), axis=1)
     spread = np.where(spread > 0, spread, sample.std(axis=1))
@@ -230,12 +283,7 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
 
 def _combined(state: _State, model: SeaModel) -> Float32:
     """Maximum of the normalised distances over the scales, in the unit of the first scale."""
-    best: Float32 | None = None
-    for z, white, middle, rare in zip(
-        state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True
-    ):
-        d = (_distance(z, white, model.side) - middle) / (rare - middle)
-        best = d if best is None else np.maximum(best, d)
-    assert best is not None
+    scales = zip(state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True)
+    best = reduce(np.maximum, ((_distance(z, w, model.side) - low) / (high - low) for z, w, low, high in scales))
     low, high = float(model.middle[0]), float(model.rare[0])
     return np.asarray(np.maximum(low + (high - low) * best, 0), np.float32)

@@ -16,10 +16,9 @@ import numpy as np
 
 from deglint.errors import FitError, InputError
 
-from .. import pareto
 from ..arrays import Array, Float64
 from ..objects import Object
-from ..threshold import Tail, Threshold, from_tail
+from ..threshold import Tail, Threshold, fit_pareto, from_tail
 
 LOW = 1.5
 """Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
@@ -70,12 +69,10 @@ class Clutter:
         For a large and bright object the number is multiplied by the fraction of large candidates. Pass the number of
         `pixels` only for objects with the shape of a ship: slicks, shoals and clouds are large, too.
         """
-        rate = self._of_peak(score)
-        return rate * self.large_share if pixels >= self.large[0] and score > self.large[1] else rate
-
-    def _of_peak(self, score: float) -> float:
         if not self.area > 0:
             return math.nan
+        if pixels >= self.large[0] and score > self.large[1]:
+            return self.large_share * self.false_per_km2(score)
         above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
         if score <= self.low and above == len(self.peaks):
             return _MOST_RATE
@@ -88,8 +85,6 @@ class Clutter:
 
     def score_at(self, false_per_km2: float) -> float:
         """`score_top` that is exceeded by the given number of false objects per km2."""
-        if not false_per_km2 > 0:
-            raise InputError(f"false-per-km2: allowed is above 0, got {false_per_km2}.")
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
@@ -122,30 +117,26 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
     large, body = max(_LARGE_OBJECTS[fine], kept), max(_BODY, kept) if fine else math.inf
-    sure = [(o.size >= large and o.score_max > peak) or o.size >= body for o in candidates]
-    taken = [o.scores for o, known in zip(candidates, sure, strict=True) if known]
-    pixels = sum(len(s) for s in taken)
-    if pixels:
-        tail = _without(tail, np.concatenate(taken))
-    low = LOW * q90
-    peaks = np.sort([o.score_top for o, known in zip(candidates, sure, strict=True) if not known]).astype(np.float64)
+    sure, rest = list[Object](), list[Object]()
+    for o in candidates:
+        (sure if (o.size >= large and o.score_max > peak) or o.size >= body else rest).append(o)
+    if sure:
+        tail = _without(tail, np.concatenate([o.scores for o in sure]))
+    low, pixels = LOW * q90, sum(o.size for o in sure)
+    peaks = np.sort([o.score_top for o in rest]).astype(np.float64)
     shape = scale = math.nan
     if len(peaks) > _LEAST:
         excess = peaks[peaks > low] - low
         with suppress(FitError):
             if excess[0] < excess[-1]:
-                shape, scale, _moments = pareto.fit(excess)
-    rest = [o.size >= _LARGE_OBJECTS[fine] for o, known in zip(candidates, sure, strict=True) if not known]
-    share = (sum(rest) + 1) / (len(rest) + 1)
-    return Clutter(tail, low, peaks, area, sum(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
+                shape, scale, _moments = fit_pareto(excess)
+    share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
+    return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
     """Remove scores from a tail; each value is removed as often as it is in `taken`."""
-    kept = taken[taken >= tail.values[-1]] if len(tail.values) else taken[:0]
-    values, counts = np.unique(np.concatenate([tail.values, kept.astype(tail.values.dtype)]), return_counts=True)
-    of_taken = np.zeros(len(values), np.int64)
-    where, gone = np.unique(kept.astype(tail.values.dtype), return_counts=True)
-    of_taken[np.searchsorted(values, where)] = gone
-    left = np.repeat(values, np.maximum(counts - 2 * of_taken, 0))[::-1]
-    return Tail(tail.n - len(taken), left, tail.keep)
+    ascending = tail.values[::-1]
+    gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
+    at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
+    return Tail(tail.n - len(taken), np.delete(ascending, at)[::-1], tail.keep)

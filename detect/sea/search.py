@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deglint.errors import InputError
-
 from ..arrays import Float32
+from ..background import as_image, as_mask
 from ..objects import find, find_among
 from ..threshold import Tail, Threshold
 from .model import SeaModel, fit, score
@@ -81,13 +80,10 @@ def score_scene(
     >>> [(round(o["row"]), round(o["column"])) for o in score_scene(sea).objects[:1]]
     [(51, 65)]
     """
-    values = np.asarray(image)
-    if values.ndim != 3:
-        raise InputError(f"image must be (band, row, column), got an array of shape {values.shape}.")
-    valid = np.isfinite(values).all(axis=0)
-    mask = valid if water is None else np.asarray(water, np.bool_) & valid
-    if mask.shape != values.shape[1:]:
-        raise InputError(f"water and image must be of one shape, got {mask.shape} and {values.shape[1:]}.")
+    values = as_image(np.asarray(image))
+    valid = np.asarray(np.isfinite(values).all(axis=0))
+    inside = None if water is None else as_mask(np.asarray(water), values)
+    mask = valid if inside is None else inside & valid
     classes = region(mask, SeaRule(pixel), valid)
     model = fit([(values, classes)], pixel=pixel, side=side)
     scores = score(values, classes, model)

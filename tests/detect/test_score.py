@@ -240,7 +240,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--objects", "o.geojson"], 1, "give --pfa"),
         (["--method", "utd", "--p-value", "p.tif"], 1, "follow no known law"),
         (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold gpd or empirical"),
-        (["--method", "local", "--covariance", "mcd"], 1, "local takes covariance empirical or ridge"),
+        (["--method", "local", "--covariance", "mcd"], 1, "take --covariance empirical or ridge"),
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),

@@ -358,7 +358,11 @@ def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_p
     found = []
     for source in (SAMPLE / "sea.tif", clean):
         marked = tmp_path / "found.geojson"
-        assert rxdetect("score", source, scored, "--pfa", "1e-4", "--objects", marked, "--overwrite").code == 0
+        chips = tmp_path / source.stem
+        options = ("--pfa", "1e-4", "--objects", marked, "--chips", chips, "--overwrite")
+        assert rxdetect("score", source, scored, *options).code == 0
+        height, width = cv2.imread(str(chips / "object_0001.png")).shape[:2]
+        assert width // height == (2 if source == SAMPLE / "sea.tif" else 3)  # the raw scene, too
         with rasterio.open(scored) as data:
             scores = data.read(1)
         threshold = json.loads(Path(f"{scored}.json").read_text())["threshold"]["value"]
