@@ -362,3 +362,13 @@ def test_every_figure_of_the_labelled_scenes(name):
     }  # fmt: skip
     for key, value in figures.items():
         assert value == pytest.approx(golden[key], abs=5e-7), key
+
+
+def test_the_curve_is_drawn():
+    pytest.importorskip("matplotlib").use("agg")
+    roc = Roc.of(np.array([1.0, 2, 2, 3, 9]), np.array([0, 0, 1, 0, 1]))
+    ax = roc.plot(label="rx")
+    pfa, pd = ax.lines[0].get_data()
+    np.testing.assert_array_equal((pfa, pd), roc.vertices)
+    assert ax.get_legend().get_texts()[0].get_text() == "rx, AUC 0.7500"
+    assert roc.plot(ax) is ax

@@ -1,4 +1,4 @@
-"""A command whose `--help` lists its options in groups."""
+"""A command whose `--help` lists its options in groups, with bold headings on a terminal."""
 
 from __future__ import annotations
 
@@ -26,9 +26,21 @@ SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
 """click settings of a grouped command."""
 
 
+class _Formatter(click.HelpFormatter):
+    def write_heading(self, heading: str) -> None:
+        self.write(click.style(f"{'':>{self.current_indent}}{heading}:", bold=True) + "\n")
+
+
+class BoldContext(click.Context):
+    """click context whose help has bold headings on a terminal."""
+
+    formatter_class = _Formatter
+
+
 class Grouped(click.Command):
     """Command that lists its options in groups; a subclass with its own `groups` must list all its options there."""
 
+    context_class = BoldContext
     groups: ClassVar[dict[str, tuple[str, ...]]] = OPTION_GROUPS
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import click
 
 from ..errors import DeglintError, NoWaterError
+from .grouped import BoldContext
 
 
 class Commands(click.Group):
@@ -25,6 +26,8 @@ class Commands(click.Group):
 
     `home` is the package whose module NAME defines the command NAME; `lines` has a line of help for each command.
     """
+
+    context_class = BoldContext
 
     def __init__(self, *args: Any, home: str, lines: dict[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)

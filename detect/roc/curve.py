@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -145,6 +146,38 @@ class Roc:
         _, counts, below, _ = self._steps
         found = np.cumsum(counts[::-1])
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
+
+    def plot(self, ax: Any = None, *, label: str | None = None) -> Any:
+        """Draw Pd over Pfa on a logarithmic axis; needs matplotlib (`pip install 'deglint[reports]'`).
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        label : str, optional
+            Name of the detector; the AUC is added.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError
+            matplotlib is not installed.
+        """
+        try:
+            import matplotlib.pyplot as plt
+        except ImportError:
+            raise InputError("Roc.plot needs matplotlib: pip install 'deglint[reports]'.") from None
+        ax = plt.figure(figsize=(5, 4)).add_subplot() if ax is None else ax
+        pfa, pd = self.vertices
+        name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
+        ax.plot(pfa, pd, label=name)
+        ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),
+               xlabel="observed false-alarm rate", ylabel="detected share of target pixels")  # fmt: skip
+        ax.legend(loc="lower right")
+        return ax
 
     @cached_property
     def average_precision(self) -> float:
