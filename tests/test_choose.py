@@ -11,7 +11,7 @@ from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
 from deglint.choose.candidates import windows
 from deglint.choose.implants import gains, implants
-from deglint.choose.score import SCALES, expected_errors, least_glint, least_signal, powers
+from deglint.choose.score import SCALES, expected_errors, least_glint, least_signal, level_excess, powers
 from deglint.choose.trial import NOT_JUDGED, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
@@ -103,6 +103,13 @@ def test_what_the_nir_does_not_show_is_signal_of_the_scene():
     assert least(shallow) == pytest.approx(own, rel=0.3)
     penalised = expected_errors(own[None], own[None], np.full((1, 4), 0.5), np.ones(1), least(shallow))
     assert penalised > expected_errors(own[None], own[None], np.ones((1, 4)), np.ones(1), least(shallow))
+
+
+def test_light_that_another_recipe_would_take_everywhere_is_left_glint():
+    sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
+    results = [[level * sea] for level in (3.0, 1.5, 1.0, 0.5)]  # the last, Hedley's minimum, may be noise
+    found = level_excess(results, [INSIDE], unit, [True, True, True, False])
+    assert found == pytest.approx([2.0, 0.5, 0.0, 0.0])
 
 
 def test_windows_fit_the_smallest_object_and_the_clumps():

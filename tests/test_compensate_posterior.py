@@ -68,18 +68,6 @@ def test_a_weak_growth_with_glint_may_be_texture_where_pixels_average_waves(pixe
     assert found.resolved == changed
 
 
-def test_water_under_glint_does_not_become_negative():
-    state, _ = state_and_water()
-    low = replace(state, image=state.image - np.float32([90, 50, 0])[:, None, None])
-    out = fitted(low).apply(low)
-    under = (state.removed > 0) & (low.image <= 0)
-    assert under[:2].mean() > 0.01
-    assert (out.image[under] > 0).mean() > 0.99
-    calm = state.removed == 0
-    np.testing.assert_array_equal(out.image[calm], low.image[calm])
-    assert (out.variance > 0)[:2].all()
-
-
 def test_the_unit_does_not_matter():
     state, _ = state_and_water()
     large = State(4 * state.raw, 4 * state.image, state.water, removed=4 * state.removed)

@@ -278,17 +278,6 @@ def test_a_level_raised_for_positivity_is_the_same_for_a_reference_of_any_unit()
     assert levels[0] == pytest.approx(levels[1], rel=0.02)
 
 
-def test_before_a_posterior_mean_a_level_need_not_keep_noise_positive():
-    """Water of 10, whose removal has an error of 8: a twentieth of it becomes negative at the true level."""
-    rng = np.random.default_rng(17)
-    glint = np.concatenate([np.zeros(40_000), rng.gamma(1.0, 50.0, 160_000)])
-    value = 10 + glint + rng.normal(0, 8, glint.size)
-    sample = level_sample((20 + glint)[None], value[None])
-    strict, loose = (shared_level(sample, np.ones(1), faint=faint)[1][1] for faint in (False, True))
-    assert strict > 30
-    assert loose == pytest.approx(20, abs=1.5)
-
-
 def test_strips_are_found_and_each_follows_its_own_waves():
     glints = waves((256, 384), seed=6)
     block = (WATER + np.broadcast_to(glints, (4, *glints.shape))).astype(np.float32)

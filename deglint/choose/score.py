@@ -17,7 +17,9 @@ small P but also a small g, so erasing is not rewarded. As the tiles are few, S 
 counted as if they had a typical contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
-share, which texture cannot show.
+share, which texture cannot show. As every recipe keeps water positive and glint only adds light, what the median after
+a removal exceeds the lowest of any recipe by is counted as an offset that glint left (`level_excess`): an opening sees
+the water itself, while a removal takes its level from the pixels with the least glint.
 """
 
 from __future__ import annotations
@@ -116,6 +118,23 @@ def _shares(mask: Mask) -> list[Float32]:
 
     known = mask.astype(np.float32)
     return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
+
+
+def level_excess(
+    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, trusted: Sequence[bool]
+) -> Float64:
+    """How much the median of each recipe's result exceeds the lowest of a trusted one, root mean square over bands.
+
+    results : images (band, row, column) of each recipe
+    trusted : whether the level of a recipe is not the minimum of a noisy NIR, and so not too low
+    """
+    judged = np.flatnonzero(np.isfinite(unit))
+    levels = np.array(
+        [[np.median(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
+         for images in results]
+    )  # fmt: skip
+    least = np.maximum(levels[np.array(trusted)], 0).min(axis=0)
+    return np.asarray(np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1)))
 
 
 def expected_errors(

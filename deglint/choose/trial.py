@@ -18,7 +18,7 @@ from ..remove.noise import noise, spread
 from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import expected_errors, least_glint, least_signal, powers
+from .score import expected_errors, least_glint, least_signal, level_excess, powers
 
 WATER_PERCENTILE = 10.0
 """Percentile of a band over the sample that estimates the water without glint, the unit of contrasts [%]."""
@@ -204,6 +204,10 @@ def _judged(
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
     )
+    if any(m.any() for m in inside):
+        excess = level_excess([r.images for r in runs.values()], inside, unit, [c.method != "hedley" for c in runs])
+        linear = [c.method != "copy" and "replace-level" not in c.chain for c in runs]
+        errors = np.where(linear, np.hypot(errors, excess), errors)
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 

@@ -170,7 +170,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     Returns
     -------
     mean : (row, column) float32 ndarray
-        `x` to the bit where `v` is 0; elsewhere that of the water around, if it would be negative.
+        `x` to the bit where `v` is 0.
     variance : (row, column) float32 ndarray
         Variance of the error, noise included.
     """
@@ -189,7 +189,6 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     known = s2 / sums
     water = np.maximum(water - known, 0) + LEAST_VARIANCE * s2
     share = v / (total + water)
-    share[(v > 0) & (x - (x - around) * share <= 0)] = 1  # water is not negative
     error = (1 - share) ** 2 * total + share**2 * (water + known / np.float32(side * side))
     return np.asarray(x - (x - around) * share, np.float32), np.asarray(error, np.float32)
 

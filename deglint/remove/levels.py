@@ -48,9 +48,6 @@ NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
 """Share of the half of the sample with less glint that may be zero or negative in a band after removal [%]. There it
 depends on the level; under strong glint pixels become negative by errors of the kernels. And the share of the whole
 sample, where the level is below the least glint: less than 1 %, with a margin for what lies outside the sample."""
-NEGATIVE_FAINT = 10.0
-"""Both shares before a posterior mean, which replaces negative pixels by the water around [%]: water must exceed the
-error of the removal by 1.3 standard deviations."""
 DARKER = 0.75
 """Largest ratio of the NIR of water to its visible, relative to that of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
@@ -187,11 +184,9 @@ class LevelSample:
 
 
 def shared_level(
-    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, faint: bool = False
+    sample: LevelSample, slopes: Float64, visible: Mask | None = None
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
-
-    `faint` : a posterior mean follows.
 
     Where every pixel may hold glint, the least of it is no level. What a band exceeds the predicted glint by does not
     depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at most `DARKER` times w_b / s of a
@@ -219,14 +214,13 @@ def shared_level(
         ]  # fmt: skip
         return min(raised + max(short, default=0.0), middle)
 
-    some, of_all = (NEGATIVE_FAINT, NEGATIVE_FAINT) if faint else (NEGATIVE, NEGATIVE_OF_ALL)
-    lowest = positive(together <= middle, some)
+    lowest = positive(together <= middle, NEGATIVE)
     chosen = max(raised, lowest)
     if sheet:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
         chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
         if chosen < raised:
-            lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), of_all), raised))
+            lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
             chosen = max(chosen, lowest)
     return np.asarray(level + (chosen - raised) * unit, np.float64), (max(float(lowest), 0.0), float(chosen), middle)
 
@@ -254,9 +248,7 @@ def _span(sample: LevelSample, together: FloatArray) -> float:
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 
-def shared_level_error(
-    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, faint: bool = False
-) -> float:
+def shared_level_error(sample: LevelSample, slopes: Float64, visible: Mask | None = None) -> float:
     """Standard error of the level [unit of the NIR].
 
     The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
@@ -266,10 +258,10 @@ def shared_level_error(
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
-    left_out = [shared_level(sample.some(group != g), slopes, visible, faint=faint)[1][1] for g in range(FOLDS)]
+    left_out = [shared_level(sample.some(group != g), slopes, visible)[1][1] for g in range(FOLDS)]
     error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
     if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
         return error
-    lowest, chosen, _ = shared_level(sample, slopes, visible, faint=faint)[1]
+    lowest, chosen, _ = shared_level(sample, slopes, visible)[1]
     lowest = min(lowest, max(_darkest(sample, slopes, visible), 0.0))
     return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))

@@ -325,8 +325,8 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
-    level, interval = shared_level(sample, slopes, visible, faint=request.faint)
-    error = shared_level_error(sample, slopes, visible, faint=request.faint) if request.level_error else None
+    level, interval = shared_level(sample, slopes, visible)
+    error = shared_level_error(sample, slopes, visible) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
