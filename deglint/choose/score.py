@@ -123,7 +123,8 @@ def _shares(mask: Mask) -> list[Float32]:
 def level_excess(
     results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, trusted: Sequence[bool]
 ) -> Float64:
-    """How much the median of each recipe's result exceeds the lowest of a trusted one, root mean square over bands.
+    """How much the median of each recipe's result exceeds the lowest of a trusted one, by more than `SIGNAL`; root mean
+    square over bands.
 
     results : images (band, row, column) of each recipe
     trusted : whether the level of a recipe is not the minimum of a noisy NIR, and so not too low
@@ -134,7 +135,8 @@ def level_excess(
          for images in results]
     )  # fmt: skip
     least = np.maximum(levels[np.array(trusted)], 0).min(axis=0)
-    return np.asarray(np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1)))
+    excess = np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1))
+    return np.asarray(np.maximum(excess - SIGNAL, 0))
 
 
 def expected_errors(
