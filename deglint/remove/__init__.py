@@ -39,7 +39,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """One method in the table."""
+    """One method in the table.
+
+    `fit` takes the bands to correct and the references, and what its plan gathers over the sample [unit of the bands].
+    It raises FitError if the sample has fewer than 64 pixels or a reference does not vary in it, and BandError if a
+    band is missing at a wavelength that the method needs.
+    """
 
     summary: str  # one line for `--help` and the documentation
     fit: Callable[[FitRequest, Any], GlintModel]  # the second is SampleStatistics, None without a plan, or SampleTiles

@@ -24,25 +24,6 @@ B = 0.1
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, with their wavelengths [nm], and `rrs_factor` [sr].
-    _stats : None
-        No sample is needed.
-
-    Returns
-    -------
-    GlintModel
-        Slope 1 of each band on the index; nothing is fitted.
-
-    Raises
-    ------
-    BandError
-        The scene has no band at one of these wavelengths.
-
-    References
-    ----------
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,
     doi:10.1364/AO.47.0000F1.

@@ -17,25 +17,6 @@ from .statistics import SampleStatistics
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, NIR references, and estimator of the slopes.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope b_i of each band, with its standard error, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
     """

@@ -16,25 +16,6 @@ from .statistics import SampleStatistics
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - b_i (NIR - mode NIR).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, NIR references, and estimator of the slopes.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope b_i of each band, with its standard error, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, The University of
     Queensland; as given by Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697, section
     3.2.

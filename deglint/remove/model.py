@@ -143,33 +143,12 @@ class GlintModel:
         return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
 
     def to_json(self) -> str:
-        """The model as JSON text (what `--save-model` writes).
-
-        Returns
-        -------
-        str
-            Plain numbers, with the format's version; `from_json` reads it.
-        """
+        """The model as JSON text, with the format's version (what `--save-model` writes); `from_json` reads it."""
         return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
-        """Read a model written by `to_json`.
-
-        Parameters
-        ----------
-        text : str
-            JSON.
-
-        Returns
-        -------
-        GlintModel
-
-        Raises
-        ------
-        InputError
-            The text is not a saved model, or one of a later format.
-        """
+        """Read a model from the text of `to_json`; InputError if it is not a model, or one of a later format."""
         try:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
@@ -181,21 +160,9 @@ class GlintModel:
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
-        """The same model for a scene with these band names, in any order.
+        """The same model for a scene with these band names, in any order and case.
 
-        Parameters
-        ----------
-        names : tuple of str
-            Names of all bands of the scene; case does not matter.
-
-        Returns
-        -------
-        GlintModel
-
-        Raises
-        ------
-        InputError
-            A band that the model needs is missing; the message names it.
+        InputError names the bands that the model needs and the scene lacks.
         """
         if names == self.band_names:
             return self

@@ -16,20 +16,6 @@ from .statistics import SampleStatistics
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_NIR.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct and NIR references.
-    _stats : None
-        No sample is needed.
-
-    Returns
-    -------
-    GlintModel
-        Slope 1 of each band on its NIR, with the level 0; nothing is fitted.
-
-    References
-    ----------
     Dierssen, Zimmerman, Leathers, Downes, Davis (2003), "Ocean color remote sensing of seagrass and bathymetry in the
     Bahamas Banks by high-resolution airborne imagery", Limnology and Oceanography 48, 444-455,
     doi:10.4319/lo.2003.48.1_part_2.0444.

@@ -116,29 +116,22 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
             "Widen the sample's polygon or window, or pass --sample."
         )
-    for k in range(len(request.indexes)):
-        name = " and ".join(request.bands[b].name for b in request.indexes[k].bands)
-        v = len(request.correct) + k
-        if stats.moments.minimum[v] == stats.moments.maximum[v]:
+    moments, first = stats.moments, len(request.correct)
+    used = [*((b,) for b in request.correct), *(index.bands for index in request.indexes)]
+    for v in (*range(first, len(used)), *range(first)):
+        name, power = " and ".join(request.bands[b].name for b in used[v]), moments.comoment[v]
+        if v >= first and moments.minimum[v] == moments.maximum[v]:
             raise FitError(
-                f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
-                "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
+                f"{name} is constant ({moments.minimum[v]:g}) over the {moments.n} pixels of the sample, so no slope "
+                "can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
+        if v >= first and stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
-        if not stats.moments.comoment[v, v] > 0:
-            raise _beyond_squares(name, stats, v)
-    for i, band in enumerate(request.correct):
-        if not np.isfinite(stats.moments.comoment[i]).all():
-            raise _beyond_squares(request.bands[band].name, stats, i)
-
-
-def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
-    low, high = stats.moments.minimum[v], stats.moments.maximum[v]
-    return FitError(
-        f"{name} goes from {low:g} to {high:g}, squares of which are beyond double precision. Bring it to other "
-        "units, or mark what is not valid as nodata."
-    )
+        if not (power[v] > 0 if v >= first else np.isfinite(power).all()):
+            raise FitError(
+                f"{name} goes from {moments.minimum[v]:g} to {moments.maximum[v]:g}, squares of which are beyond "
+                "double precision. Bring it to other units, or mark what is not valid as nodata."
+            )
 
 
 def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:

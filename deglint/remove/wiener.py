@@ -83,31 +83,15 @@ def fit(
     *,
     strips: Strips | Callable[[SquareKinds], Strips] | None = None,
 ) -> GlintModel:
-    """Fit kernels, responses and level.
+    """Fit kernels, responses and level; no fits if the bands' common glint is not significant or worth removing.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands and references; with regression "ols" no local mean is subtracted, and responses are not drawn to the
-        expected spectrum.
-    tiles : sequence of SampleTile
-        Spread over the scene; 0.3 million pixels are enough.
-    strips : Strips or callable, optional
-        Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
-        scene by the kinds of the squares in its tiles, called if the sample shows two kinds.
+    request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
+    tiles : spread over the scene; 0.3 million pixels are enough
+    strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
+        whole scene by the kinds of the squares in its tiles, called if the sample shows two kinds
 
-    Returns
-    -------
-    GlintModel
-        Without fits if the glint common to the bands is not significant, or not worth removing.
+    Raises FitError: too little open water.
 
-    Raises
-    ------
-    FitError
-        Too little open water.
-
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
     Stationary Time Series, MIT Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9,
