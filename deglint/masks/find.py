@@ -95,30 +95,15 @@ def fit_water(
     Boats, rocks and floating plants are narrower. They are found over squares of half that width, by NIR that is much
     brighter than glint of that size, or brighter than the visible.
 
-    Parameters
-    ----------
-    looks : sequence of (band, row, column) ndarray
-        Blocks that represent the scene, or the whole scene [any unit]; NaN is not valid.
-    roles : Roles
-    pixel : float, optional
-        Side of a pixel on the ground [m].
-    whole : bool
-        The blocks cover the whole scene; else there may be land outside them.
-    reflectance : bool
-        The bands are known to be reflectances; else this is determined from the brightest pixels of coarse images.
+    looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
+    pixel : side of a pixel on the ground, None if not known [m]
+    whole : the blocks cover the whole scene; else there may be land outside them
+    reflectance : the bands are known to be reflectances; else this is determined from the brightest pixels of coarse
+        images
 
-    Returns
-    -------
-    WaterRule
-        `has_water` is False where no water was found; no exception is raised.
+    Returns a rule whose `has_water` is False where no water was found. Raises BandError, InputError: `roles` has no
+    visible band, or a block lacks a band; no blocks, or not three-dimensional.
 
-    Raises
-    ------
-    BandError, InputError
-        `roles` has no visible band, or a block lacks a band; no blocks, or not three-dimensional.
-
-    References
-    ----------
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
     Examples

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
@@ -31,4 +29,4 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
     index = GlintIndex((red, infrared), (-B, 1 + B))
     request = replace(request, indexes=(index,), follows=(0,) * len(request.correct))
-    return linear_model("goodman", request, np.ones((len(request.correct), 1)), [A * request.rrs_factor])
+    return linear_model("goodman", request, [A * request.rrs_factor])

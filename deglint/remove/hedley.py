@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
@@ -25,4 +25,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     if request.floor_percentile > 0:  # in float64, since between float32 values numpy interpolates in float32
         kept = (stats.index_values(k).astype(np.float64) for k in range(len(levels)))
         levels = [float(np.percentile(values, request.floor_percentile)) for values in kept]
-    return regression_model("hedley", request, stats, levels)
+    return linear_model("hedley", request, levels, stats)

@@ -28,4 +28,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     ends = list(zip(stats.darkest, stats.brightest, strict=True))
     slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
-    return linear_model("hochberg", request, slopes, [d.value for d, _ in ends], stats)
+    return linear_model("hochberg", request, [d.value for d, _ in ends], stats, slopes)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .levels import mode
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
@@ -22,4 +22,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """
     check_sample(request, stats)
     levels = [mode(stats.index_values(k)) for k in range(len(request.indexes))]
-    return regression_model("joyce", request, stats, levels)
+    return linear_model("joyce", request, levels, stats)

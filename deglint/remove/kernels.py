@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,18 +48,17 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
     return tuple((row, column) for row in range(-half, half + 1) for column in range(-half, half + 1))
 
 
-@dataclass(frozen=True, eq=False)
-class LagGrams:
+class LagGrams(NamedTuple):
     """Gram matrices of [references at every offset | bands], one for each square of the sample."""
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
     pixels: npt.NDArray[np.int64]  # (square,)
-    references: int  # number of references
     places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of its first pixel
+    references: int  # number of references
 
     def some(self, chosen: Mask) -> LagGrams:
         """The matrices of selected squares."""
-        return LagGrams(self.grams[chosen], self.pixels[chosen], self.references, self.places[chosen])
+        return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
         """Variables of one reference in a kernel of this side."""
@@ -121,8 +121,8 @@ def gather(
     return LagGrams(
         np.array(grams).reshape(-1, count, count),
         np.array(pixels, np.int64),
-        len(references),
         np.array(places, np.int64).reshape(-1, 2),
+        len(references),
     )
 
 
@@ -140,12 +140,8 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
     """The matrices of several tiles, in their order."""
-    return LagGrams(
-        np.concatenate([p.grams for p in parts]),
-        np.concatenate([p.pixels for p in parts]),
-        parts[0].references,
-        np.concatenate([p.places for p in parts]),
-    )
+    grams, pixels, places, references = zip(*parts, strict=True)
+    return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), references[0])
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:

@@ -33,7 +33,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
-    return linear_model("kutser", request, slopes, [0.0], stats)
+    return linear_model("kutser", request, [0.0], stats, slopes)
 
 
 def _with_depth(request: FitRequest) -> FitRequest:

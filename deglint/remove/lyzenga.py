@@ -7,7 +7,7 @@ stays in the image: differences within a band are correct, absolute values are n
 from __future__ import annotations
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
@@ -18,4 +18,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     Transactions on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.
     """
     check_sample(request, stats)
-    return regression_model("lyzenga", request, stats, stats.moments.mean[len(request.correct) :].tolist())
+    return linear_model("lyzenga", request, stats.moments.mean[len(request.correct) :].tolist(), stats)

@@ -186,21 +186,17 @@ class GlintModel:
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """Check that the numbers of bands and indexes in a saved model exist."""
+    """Check that the bands and indexes of a saved model exist, and that its lists agree in length."""
     indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
-    faults = {
-        "it follows no band": not any(i.bands for i in model.indexes),
-        f"it uses bands {sorted(bands)}, counted from 0, and names {len(names)}": not bands <= set(names),
-        "a fit on an index that it does not hold": not {f.index for f in model.fits} <= set(range(len(model.indexes))),
-        "weights or offsets of another number than their bands": any(
-            {len(i.weights), len(i.offsets or i.bands)} != {len(i.bands)} for i in indexes
-        ),
-        "indexes of two numbers for two kinds of strips": len(model.second) not in (0, len(model.indexes)),
-        "strips whose rows differ in length": len({len(row) for row in model.strips.rows} if model.strips else "1")
-        != 1,
-        "a slope that is not finite": not np.isfinite([f.slope for f in model.fits]).all(),
-    }
-    if any(faults.values()):
-        raise ValueError(next(fault for fault, found in faults.items() if found))
+    if not (
+        any(i.bands for i in model.indexes)
+        and bands <= set(names)
+        and {f.index for f in model.fits} <= set(range(len(model.indexes)))
+        and all(len(i.bands) == len(i.weights) == len(i.offsets or i.bands) for i in indexes)
+        and len(model.second) in (0, len(model.indexes))
+        and (model.strips is None or len({len(row) for row in model.strips.rows}) == 1)
+        and np.isfinite([f.slope for f in model.fits]).all()
+    ):
+        raise ValueError("its bands, indexes, weights, offsets, slopes or strips do not agree")
     return model

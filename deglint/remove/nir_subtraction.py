@@ -6,8 +6,6 @@ the NIR. Wrong for digital numbers or for radiance; over-corrects turbid and sha
 
 from __future__ import annotations
 
-import numpy as np
-
 from .model import GlintModel
 from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
@@ -20,5 +18,4 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     Bahamas Banks by high-resolution airborne imagery", Limnology and Oceanography 48, 444-455,
     doi:10.4319/lo.2003.48.1_part_2.0444.
     """
-    count = len(request.indexes)
-    return linear_model("nir-subtraction", request, np.ones((len(request.correct), count)), [0.0] * count)
+    return linear_model("nir-subtraction", request, [0.0] * len(request.indexes))

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..checks import check_choice, check_number
 from ..errors import BandError, FitError, InputError
+from ..moments import Float64
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
@@ -77,28 +77,26 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
-def regression_model(method: str, request: FitRequest, stats: SampleStatistics, levels: Sequence[float]) -> GlintModel:
-    """Model with slopes by the request's regression, and the level of each index."""
-    slopes = REGRESSIONS[request.regression](stats)
-    return linear_model(method, request, slopes, levels, stats, regression=request.regression)
-
-
 def linear_model(
     method: str,
     request: FitRequest,
-    slopes: npt.ArrayLike,
     levels: Sequence[float],
     stats: SampleStatistics | None = None,
-    *,
-    regression: str | None = None,
+    slopes: Float64 | None = None,
 ) -> GlintModel:
-    """Model with slopes (band, index), R2 if there is a sample, and standard errors if a regression gave the slopes."""
-    slopes = np.asarray(slopes, np.float64)
-    errors = r2 = np.full(slopes.shape, np.nan)
-    n = 0
-    if stats is not None:
+    """Model with the levels of the indexes and R2 if there is a sample; slopes (band, index) are 1 if there is none.
+
+    Where slopes are not given with a sample they are those of the request's regression, with standard errors.
+    """
+    shape = len(request.correct), len(request.indexes)
+    regression, n, errors, r2 = None, 0, np.full(shape, np.nan), np.full(shape, np.nan)
+    if stats is None:
+        slopes = np.ones(shape)
+    else:
+        if slopes is None:
+            regression, slopes = request.regression, REGRESSIONS[request.regression](stats)
+            errors = standard_error(stats, slopes)
         n, r2 = stats.regressed.n, explained(stats, slopes)
-        errors = errors if regression is None else standard_error(stats, slopes)
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(r2[i])) if follows is None else follows

@@ -36,7 +36,7 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .colour import SharedGlint, shared_glint
+from .colour import shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
@@ -113,11 +113,13 @@ def fit(
     ]
     every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
-    shared = shared_glint(response, covariance, request, sets)
-    model = _model(request, fitted, strips, rules, shared, covariance)
+    weights, drawn = shared_glint(response, covariance, request, sets)
+    spread = float(weights @ covariance @ weights)
+    sure = not spread > 0 or float(weights @ response) / np.sqrt(spread) > SURE
+    model = _model(request, fitted, strips, rules, (weights, drawn, covariance))
     left = np.concatenate([k.loss for k in every])
     noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
-    if shared.significance <= SURE or noise > 1 - kernels.WORTH:
+    if not sure or noise > 1 - kernels.WORTH:
         why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
@@ -253,12 +255,15 @@ def _model(
     fitted: Sequence[Sequence[KernelFit]],
     strips: Strips | None,
     rules: dict[int, ReferenceRule],
-    shared: SharedGlint,
-    covariance: Float64,
+    shared: tuple[Float64, Float64, Float64],
 ) -> GlintModel:
-    """Kernels of each kind of strip with the posterior responses; without levels."""
-    slopes = [float(s) if s > 0 else 1.0 for s in shared.response]  # of a band, if its NIR increases by 1 everywhere
-    indexes = [_indexes(some, shared, slopes) for some in fitted]
+    """Kernels of each kind of strip with the posterior responses; without levels.
+
+    shared : weights of the bands in the common glint, their posterior responses, and the covariance of the responses
+    """
+    weights, response, covariance = shared
+    slopes = [float(s) if s > 0 else 1.0 for s in response]  # of a band, if its NIR increases by 1 everywhere
+    indexes = [_indexes(some, weights, response, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
         for k, place in enumerate(f.band_set.bands):
@@ -274,7 +279,9 @@ def _model(
     )  # fmt: skip
 
 
-def _indexes(fitted: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
+def _indexes(
+    fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
+) -> tuple[GlintIndex, ...]:
     """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
 
     k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
@@ -282,10 +289,10 @@ def _indexes(fitted: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[
     out = {}
     for f in fitted:
         mine = list(f.band_set.bands)
-        weights = shared.weights[mine]
+        weights = shared[mine]
         strength = float(weights @ f.response)
         common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        drawn = f.coefficients + np.outer(common, shared.response[mine] - f.response)
+        drawn = f.coefficients + np.outer(common, response[mine] - f.response)
         at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
         bands, places = zip(*at, strict=True)
         for k, place in enumerate(mine):
