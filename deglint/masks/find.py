@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
-from .surface import Roles, WaterRule, check_looks, filled_squares, land, thinned, valid_for
+from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
@@ -101,8 +101,7 @@ def fit_water(
     reflectance : the bands are known to be reflectances; else this is determined from the brightest pixels of coarse
         images
 
-    Returns a rule whose `has_water` is False where no water was found. Raises BandError, InputError: `roles` has no
-    visible band, or a block lacks a band; no blocks, or not three-dimensional.
+    Returns a rule whose `has_water` is False where no water was found.
 
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
@@ -112,7 +111,6 @@ def fit_water(
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True
     """
-    check_looks(looks, roles)
     view = _View(looks, roles)
     found = WaterRule(roles)
     if view.pixels:

@@ -12,7 +12,7 @@ from ..errors import FitError
 from ..moments import Float64, Mask
 from ..morphology import grown, opened
 from ..scene import FloatArray
-from .surface import Roles, WaterRule, check_looks, thinned, valid_for, water
+from .surface import Roles, WaterRule, thinned, valid_for, water
 
 SIZE = 15
 """Side of the square for local statistics of water [pixel]."""
@@ -127,7 +127,6 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Otsu, N. (1979), "A threshold selection method from gray-level histograms", IEEE Trans. Systems, Man, and
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
-    check_looks(looks, rule.roles)
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
     pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
     if not pairs:
@@ -150,7 +149,6 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     block : (band, row, column), in the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more
         pixels on every side.
     """
-    rule.water.roles.check(len(block))
     mask = water(block, rule.water)
     if not mask.any():
         return mask

@@ -97,9 +97,8 @@ def gather(
     """
     planes = dict(zip(plan.read_bands, block, strict=True))
     first = len(plan.bands)
-    variables = np.empty((first + len(plan.indexes), *mask.shape), block.dtype)
-    for v, plane in enumerate([*(planes[b] for b in plan.bands), *(index.of(planes) for index in plan.indexes)]):
-        variables[v] = plane
+    found = [*(planes[b] for b in plan.bands), *(index.of(planes) for index in plan.indexes)]
+    variables: FloatArray = np.stack(found, dtype=block.dtype, casting="same_kind")
     mask = mask & np.isfinite(variables).all(axis=0)
     inner = slice(crop[0], mask.shape[0] - crop[1]), slice(crop[2], mask.shape[1] - crop[3])
     cells = None

@@ -4,17 +4,10 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
 and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
-a local mean subtracted from every band (`deglint.remove.kernels`). One kernel thus models all displacement and blur
-between the glint of two bands, and averages the noise of the reference. With a kernel of one pixel, no local mean and
-the minimum as level it is Hedley's method.
-
-- Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
-  significantly worse than the best is used.
-- The response of a band to uniform glint is the sum of its kernel. All responses are drawn toward the spectrum of
-  glint, known to a fifth (`deglint.remove.colour`). All bands are corrected, or none.
-- There is one level p_b0 for all bands: the prediction at the pixels where it is lowest, raised until no band becomes
-  negative (`deglint.remove.levels`).
-- Glint is never negative: where the prediction is below the level, nothing is changed.
+a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between the glint
+of two bands, and average the noise of the reference. Their sums, the responses to uniform glint, are drawn toward the
+spectrum of glint (`deglint.remove.colour`); all bands are corrected, or none. There is one level for all bands
+(`deglint.remove.levels`). With a kernel of one pixel, no local mean and the minimum as level it is Hedley's method.
 
 Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
