@@ -7,10 +7,9 @@ are selected by their position in the scene, and ties are broken by position.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -112,8 +111,8 @@ def gather(
         plan,
         raw,
         raw if cells is None else cells,
-        darkest=_extremes(variables, mask, first, origin, np.argmin),
-        brightest=_extremes(variables, mask, first, origin, np.argmax),
+        darkest=_extremes(variables, mask, first, origin, 1),
+        brightest=_extremes(variables, mask, first, origin, -1),
         places=np.stack([rows + origin[0], columns + origin[1]]),
         values=variables[0 if plan.keep == "all" else first :, rows, columns],
     )
@@ -141,13 +140,11 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
-def _extremes(
-    variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], most: Callable[..., Any]
-) -> tuple[Extreme, ...]:
-    """For each index the first masked pixel where it has its minimum (`np.argmin`) or maximum (`np.argmax`)."""
+def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
+    """For each index the first masked pixel where its value times `sign` is smallest."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
-        row, column = divmod(int(among[most(values[mask])]), mask.shape[1])
+        row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
         spectrum = variables[:bands, row, column].astype(np.float64)
         out.append(Extreme(float(values[row, column]), (row + origin[0], column + origin[1]), spectrum))
     return tuple(out)
