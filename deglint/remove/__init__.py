@@ -25,9 +25,8 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
-from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, regression_plan
-from .statistics import SamplePlan, SampleStatistics, gather, merge
+from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, gather, glint_error, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [

@@ -14,8 +14,7 @@ from ..moments import Float64
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
-from .regression import REGRESSIONS, explained, standard_error
-from .statistics import SamplePlan, SampleStatistics
+from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
 
 MIN_PIXELS = 64
 """Fewest pixels for fitting a slope."""

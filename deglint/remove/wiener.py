@@ -259,7 +259,7 @@ def _model(
     indexes = [_indexes(some, weights, response, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
-        for k, place in enumerate(f.band_set.bands):
+        for k, place in enumerate(f.bands):
             band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
             r2 = float(1 - f.loss[k])
             fits[place] = BandFit(band, request.bands[band].name, place, slopes[place], error, r2, f.pixels)
@@ -281,14 +281,13 @@ def _indexes(
     """
     out = {}
     for f in fitted:
-        mine = list(f.band_set.bands)
-        weights = shared[mine]
+        weights = shared[f.bands]
         strength = float(weights @ f.response)
         common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        drawn = f.coefficients + np.outer(common, response[mine] - f.response)
-        at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
+        drawn = f.coefficients + np.outer(common, response[f.bands] - f.response)
+        at = [(r, o) for r, side in zip(f.references, f.support, strict=False) for o in offsets(side)]
         bands, places = zip(*at, strict=True)
-        for k, place in enumerate(mine):
+        for k, place in enumerate(f.bands):
             out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in drawn[:, k]), 0.0, places)
     return tuple(out[p] for p in range(len(slopes)))
 
