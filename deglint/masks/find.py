@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -125,18 +125,17 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
-        found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
-        if found is None:
+        rule = _threshold(view, window, view.flat(votes))
+        if rule is None:
             return None
         if window == widest:
             break
-        left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
+        left = view.sparkle(rule.threshold, window, widest, votes if pixel is None else None)
         if left <= (RARE_BRIGHT if pixel is None else 0.0):
             break
-    assert found is not None
-    solid = view.brighter(found.threshold, window)
-    rule = WaterRule(view.roles, window=window, **found._asdict())
-    level, plume = found.nir_level, AFLOAT * abs(found.contrast)
+    assert rule is not None
+    solid = view.brighter(rule.threshold, window)
+    level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
     clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
     if sides and np.isfinite(clumps).all():
@@ -149,12 +148,6 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
-
-
-class _Found(NamedTuple):
-    threshold: float
-    nir_level: float
-    contrast: float
 
 
 class _View:
@@ -305,10 +298,11 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 
 
-def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
+def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
     """The threshold that separates the votes with the fewest errors, moved into the gap; None if there is no water."""
+    nir = view.nir(window)
     order = np.argsort(nir, kind="stable")
-    nir, contrast, votes = nir[order], contrast[order], votes[order]
+    nir, contrast, votes = nir[order], view.contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)
     won[:-1][nir[:-1] == nir[1:]] = -1  # equal values are not parted
     last = nir.size - 1 - int(np.argmax(won[::-1]))
@@ -321,7 +315,7 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
     water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
     level, end = (float(p) for p in np.percentile(water, (50, 99)))
     tail = level + max(TAIL * (end - level), LEAST_TAIL * abs(darkest))
-    if sparkle:
+    if window > 1:  # sparkle
         nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
         threshold = sheet if alone else min(_emptiest(nir[nearly : last + 1]), sheet)
     elif alone:
@@ -331,7 +325,7 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
         threshold = _foot(nir, level, limit)
     if not alone and threshold >= nir[-1]:  # all that is not water is saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
-    return _Found(threshold, level, darkest)
+    return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:

@@ -96,6 +96,11 @@ def fit(
     if not request.faint:  # there weights bound what a pixel teaches
         learnt = _without_outliers(learnt)
     grams = [_gathered(s, learnt, request) for s in sets]
+    if not all(len(g.grams) for g in grams):
+        raise FitError(
+            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
+            "polygon or window over open water, or --mask with what is water."
+        )
     if callable(strips):
         mirrored = find_kernels(grams[0])
         strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
@@ -133,10 +138,7 @@ def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Row and column in the scene of squares with enough water, and whether they are in strips of the second kind."""
-    try:
-        grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
-    except FitError:
-        return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+    grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
 
@@ -151,11 +153,8 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
             weight = faint_weight(references[0], t.sample, size) if request.faint else None
             parts.append(gather(references, bands, sample, size=size, origin=t.origin, weight=weight))
         if any(len(p.grams) for p in parts):
-            return merge(parts)
-    raise FitError(
-        "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a polygon "
-        "or window over open water, or --mask with what is water."
-    )
+            break
+    return merge(parts)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
