@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from deglint.errors import InputError
 from deglint.remove.detrend import detrend
 
 
@@ -93,16 +92,3 @@ def test_empty_and_single():
     np.testing.assert_array_equal(detrend(np.full((2, 1, 1), 3.0)), 0.0)
     assert detrend(np.zeros((2, 0, 5))).shape == (2, 0, 5)
     np.testing.assert_array_equal(detrend(np.arange(9).reshape(1, 3, 3), size=3)[0, 1], [-0.5, 0, 0.5])
-
-
-@pytest.mark.parametrize("size", [0, 1, 2, 14, -3])
-def test_refuses_a_size_without_centre(size):
-    with pytest.raises(InputError, match=f"odd and at least 3; got {size}"):
-        detrend(np.zeros((1, 5, 5)), size=size)
-
-
-def test_refuses_shapes_that_do_not_fit():
-    with pytest.raises(InputError, match="mask has shape"):
-        detrend(np.zeros((1, 5, 5)), np.ones((4, 5), bool))
-    with pytest.raises(InputError, match="must be"):
-        detrend(np.zeros((5, 5)))

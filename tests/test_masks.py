@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deglint.errors import BandError, FitError, InputError
+from deglint.errors import FitError
 from deglint.masks import Roles, deep_water, fit_sample, fit_water, water
 from deglint.remove.detrend import detrend
 
@@ -284,19 +284,6 @@ def test_hard_inputs_give_a_sample_or_say_why_not(name):
     else:
         assert rule.water_fraction > 0.99
         assert deep_water(scene, fit_sample([scene], rule)).sum() >= 500
-
-
-def test_refuses_what_is_no_look():
-    with pytest.raises(BandError, match="Name blue, green or red"):
-        fit_water([open_water()], Roles(nir=3))
-    with pytest.raises(BandError, match="nir has band index 4"):
-        fit_water([open_water()], Roles(nir=4, green=1))
-    with pytest.raises(InputError, match="at least one"):
-        fit_water([], ROLES)
-    with pytest.raises(InputError, match="must be"):
-        fit_water([np.zeros((5, 5))], ROLES)
-    with pytest.raises(BandError, match=r"indexes 0\.\.2"):
-        water(open_water()[:3], fit_water([open_water()], ROLES, pixel=10.0))
 
 
 def test_blocks_without_pixels_or_water_are_passed_over(coast):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
-from .surface import Roles, WaterRule, check_looks, filled_squares, land, thinned, valid_for
+from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
@@ -95,30 +95,14 @@ def fit_water(
     Boats, rocks and floating plants are narrower. They are found over squares of half that width, by NIR that is much
     brighter than glint of that size, or brighter than the visible.
 
-    Parameters
-    ----------
-    looks : sequence of (band, row, column) ndarray
-        Blocks that represent the scene, or the whole scene [any unit]; NaN is not valid.
-    roles : Roles
-    pixel : float, optional
-        Side of a pixel on the ground [m].
-    whole : bool
-        The blocks cover the whole scene; else there may be land outside them.
-    reflectance : bool
-        The bands are known to be reflectances; else this is determined from the brightest pixels of coarse images.
+    looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
+    pixel : side of a pixel on the ground, None if not known [m]
+    whole : the blocks cover the whole scene; else there may be land outside them
+    reflectance : the bands are known to be reflectances; else this is determined from the brightest pixels of coarse
+        images
 
-    Returns
-    -------
-    WaterRule
-        `has_water` is False where no water was found; no exception is raised.
+    Returns a rule whose `has_water` is False where no water was found.
 
-    Raises
-    ------
-    BandError, InputError
-        `roles` has no visible band, or a block lacks a band; no blocks, or not three-dimensional.
-
-    References
-    ----------
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
     Examples
@@ -127,7 +111,6 @@ def fit_water(
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True
     """
-    check_looks(looks, roles)
     view = _View(looks, roles)
     found = WaterRule(roles)
     if view.pixels:
@@ -142,18 +125,17 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
-        found = _threshold(view.nir(window), view.contrast, view.flat(votes), sparkle=window > 1)
-        if found is None:
+        rule = _threshold(view, window, view.flat(votes))
+        if rule is None:
             return None
         if window == widest:
             break
-        left = view.sparkle(found.threshold, window, widest, votes if pixel is None else None)
+        left = view.sparkle(rule.threshold, window, widest, votes if pixel is None else None)
         if left <= (RARE_BRIGHT if pixel is None else 0.0):
             break
-    assert found is not None
-    solid = view.brighter(found.threshold, window)
-    rule = WaterRule(view.roles, window=window, **found._asdict())
-    level, plume = found.nir_level, AFLOAT * abs(found.contrast)
+    assert rule is not None
+    solid = view.brighter(rule.threshold, window)
+    level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
     clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
     if sides and np.isfinite(clumps).all():
@@ -166,12 +148,6 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
-
-
-class _Found(NamedTuple):
-    threshold: float
-    nir_level: float
-    contrast: float
 
 
 class _View:
@@ -322,10 +298,11 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 
 
-def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: bool) -> _Found | None:
+def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
     """The threshold that separates the votes with the fewest errors, moved into the gap; None if there is no water."""
+    nir = view.nir(window)
     order = np.argsort(nir, kind="stable")
-    nir, contrast, votes = nir[order], contrast[order], votes[order]
+    nir, contrast, votes = nir[order], view.contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)
     won[:-1][nir[:-1] == nir[1:]] = -1  # equal values are not parted
     last = nir.size - 1 - int(np.argmax(won[::-1]))
@@ -338,7 +315,7 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
     water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
     level, end = (float(p) for p in np.percentile(water, (50, 99)))
     tail = level + max(TAIL * (end - level), LEAST_TAIL * abs(darkest))
-    if sparkle:
+    if window > 1:  # sparkle
         nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
         threshold = sheet if alone else min(_emptiest(nir[nearly : last + 1]), sheet)
     elif alone:
@@ -348,7 +325,7 @@ def _threshold(nir: FloatArray, contrast: FloatArray, votes: Votes, *, sparkle: 
         threshold = _foot(nir, level, limit)
     if not alone and threshold >= nir[-1]:  # all that is not water is saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
-    return _Found(threshold, level, darkest)
+    return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:

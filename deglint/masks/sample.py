@@ -12,7 +12,7 @@ from ..errors import FitError
 from ..moments import Float64, Mask
 from ..morphology import grown, opened
 from ..scene import FloatArray
-from .surface import Roles, WaterRule, check_looks, thinned, valid_for, water
+from .surface import Roles, WaterRule, thinned, valid_for, water
 
 SIZE = 15
 """Side of the square for local statistics of water [pixel]."""
@@ -117,33 +117,16 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
-    Parameters
-    ----------
-    looks : sequence of (band, row, column) ndarray
-        As for `fit_water`.
-    rule : WaterRule
-        From `fit_water`.
+    looks, rule : as for `fit_water`, and what it returns
 
-    Returns
-    -------
-    SampleRule
+    Raises FitError: no water in the blocks, none far enough from other surfaces, or its NIR does not vary.
 
-    Raises
-    ------
-    FitError
-        There is no water in the blocks, none far enough from other surfaces, or its NIR does not vary.
-
-    Notes
-    -----
     The sample is meant for a regression on values from which a local mean is subtracted (`deglint.remove.detrend`):
     slow changes of colour inside the sample are allowed. Cost: 250 ns and 100 bytes per pixel.
 
-    References
-    ----------
     Otsu, N. (1979), "A threshold selection method from gray-level histograms", IEEE Trans. Systems, Man, and
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
-    check_looks(looks, rule.roles)
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
     pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
     if not pairs:
@@ -161,24 +144,11 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
 
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
-    """Mask of the deep-water sample.
+    """Mask of the deep-water sample, (row, column); 90 ns per pixel, little where there is no water.
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-        In the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more pixels on every side.
-    rule : SampleRule
-        From `fit_sample`.
-
-    Returns
-    -------
-    (row, column) ndarray of bool
-
-    Notes
-    -----
-    Cost: 90 ns per pixel, little where there is no water.
+    block : (band, row, column), in the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more
+        pixels on every side.
     """
-    rule.water.roles.check(len(block))
     mask = water(block, rule.water)
     if not mask.any():
         return mask

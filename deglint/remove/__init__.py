@@ -25,9 +25,8 @@ from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
-from .regression import REGRESSIONS, glint_error
 from .request import FitRequest, regression_plan
-from .statistics import SamplePlan, SampleStatistics, gather, merge
+from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, gather, glint_error, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
@@ -39,7 +38,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """One method in the table."""
+    """One method in the table.
+
+    `fit` takes the bands to correct and the references, and what its plan gathers over the sample [unit of the bands].
+    It raises FitError if the sample has fewer than 64 pixels or a reference does not vary in it, and BandError if a
+    band is missing at a wavelength that the method needs.
+    """
 
     summary: str  # one line for `--help` and the documentation
     fit: Callable[[FitRequest, Any], GlintModel]  # the second is SampleStatistics, None without a plan, or SampleTiles
@@ -166,29 +170,15 @@ def nir_request(
 ) -> FitRequest:
     """Turn a selection of NIR bands into a request.
 
-    Parameters
-    ----------
-    bands : sequence of Band
-        All bands of the scene.
-    nir : sequence of int
-        0-based NIR bands.
-    use : {"mean", "best", "set"}
-        Reference of a band if there are several NIR bands: their mean, the one that explains the band best, or the one
-        that is taken at the same time (`Band.group`).
-    correct : sequence of int, optional
-        0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if wavelengths
-        are not known.
-    **options
-        regression, floor_percentile, rrs_factor: see `FitRequest`.
+    bands : all bands of the scene
+    nir : 0-based NIR bands
+    use : reference of a band if there are several NIR bands: their "mean", the "best", which explains the band best, or
+        that of the band's "set", which is taken at the same time (`Band.group`)
+    correct : 0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if
+        wavelengths are not known
+    options : regression, floor_percentile, rrs_factor; see `FitRequest`
 
-    Returns
-    -------
-    FitRequest
-
-    Raises
-    ------
-    InputError
-        A selection that is not possible, or an option out of range.
+    Raises InputError: a selection that is not possible, or an option out of range.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")

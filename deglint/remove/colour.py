@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,17 +16,12 @@ SUN_ZENITH = 40.0
 """Sun zenith angle of the expected spectrum, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 
 
-@dataclass(frozen=True, eq=False)
-class SharedGlint:
-    """The glint common to all bands: weights of the bands, their responses drawn to its spectrum, its significance."""
+def shared_glint(
+    response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]
+) -> tuple[Float64, Float64]:
+    r"""Weights of the bands in the glint common to them, and their responses drawn to its spectrum.
 
-    weights: Float64
-    response: Float64
-    significance: float
-
-
-def shared_glint(response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]) -> SharedGlint:
-    r"""Strength a of glint of known spectrum c by generalised least squares, then the posterior mean of each response.
+    Strength a of glint of known spectrum c by generalised least squares, then the posterior mean of each response.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
@@ -38,7 +32,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest, se
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
         weights = np.linalg.pinv(covariance + tiny) @ response
-        return SharedGlint(weights, response, _significance(weights, response, covariance))
+        return weights, response
     tried = []
     for colour in _colours(request, sets):
         size = float(np.median(response / colour))
@@ -49,14 +43,8 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest, se
         away = response - size * colour
         scaled = np.linalg.solve(covariance + prior + tiny, away)
         posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        shared = SharedGlint(weights, posterior, _significance(weights, response, covariance))
-        tried.append((float(away @ scaled), shared))
-    return min(tried, key=lambda t: t[0])[1]
-
-
-def _significance(weights: Float64, response: Float64, covariance: Float64) -> float:
-    spread = float(weights @ covariance @ weights)
-    return float(weights @ response) / np.sqrt(spread) if spread > 0 else np.inf
+        tried.append((float(away @ scaled), weights, posterior))
+    return min(tried, key=lambda t: t[0])[1:]
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:

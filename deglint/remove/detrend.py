@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
 from ..moments import Float64, Mask
 from ..scene import FloatArray
 
@@ -23,43 +22,20 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Fl
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}
 
-    Parameters
-    ----------
-    block : (band, row, column) ndarray
-        Any unit, NaN where not valid; a tile needs a halo of `size // 2` pixels.
-    mask : (row, column) bool ndarray, optional
-        The sample, all pixels by default; pixels where any band is not finite are left out.
-    size : int
-        Side of the square, odd, 3 or more [pixel].
+    block : (band, row, column), any unit, NaN where not valid; a tile needs a halo of `size // 2` pixels
+    mask : (row, column), the sample, all pixels by default; pixels where any band is not finite are left out
+    size : side of the square, odd, 3 or more [pixel]
 
-    Returns
-    -------
-    (band, row, column) float64 ndarray
-        NaN outside the sample, 0 where a sample pixel has no neighbour.
+    Returns (band, row, column): NaN outside the sample, 0 where a sample pixel has no neighbour.
 
-    Raises
-    ------
-    InputError
-        `size` is even or below 3, or the shapes do not match.
-
-    Notes
-    -----
     Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
     depend on tiles, to the bit. The division comes last, and float64 is summed in two halves of its bits: an offset of
     1e8 costs no precision. Cost: about 40 ns per pixel and band, twice that for float64.
 
-    Examples
-    --------
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])
     0.0
     """
-    if block.ndim != 3:
-        raise InputError(f"a block must be (band, row, column); got an array of shape {block.shape}")
-    if size < 3 or size % 2 == 0:
-        raise InputError(f"size of the detrending square must be odd and at least 3; got {size}")
-    if mask is not None and mask.shape != block.shape[1:]:
-        raise InputError(f"the mask has shape {mask.shape}, the bands have {block.shape[1:]}")
     sample = np.isfinite(block).all(axis=0)
     if mask is not None:
         sample &= mask

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
@@ -24,25 +22,6 @@ B = 0.1
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, with their wavelengths [nm], and `rrs_factor` [sr].
-    _stats : None
-        No sample is needed.
-
-    Returns
-    -------
-    GlintModel
-        Slope 1 of each band on the index; nothing is fitted.
-
-    Raises
-    ------
-    BandError
-        The scene has no band at one of these wavelengths.
-
-    References
-    ----------
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,
     doi:10.1364/AO.47.0000F1.
@@ -50,4 +29,4 @@ def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintMod
     red, infrared = request.nearest(640, 30, "goodman"), request.nearest(750, 20, "goodman")
     index = GlintIndex((red, infrared), (-B, 1 + B))
     request = replace(request, indexes=(index,), follows=(0,) * len(request.correct))
-    return linear_model("goodman", request, np.ones((len(request.correct), 1)), [A * request.rrs_factor])
+    return linear_model("goodman", request, [A * request.rrs_factor])

@@ -10,32 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, NIR references, and estimator of the slopes.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope b_i of each band, with its standard error, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.
     """
@@ -44,4 +25,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     if request.floor_percentile > 0:  # in float64, since between float32 values numpy interpolates in float32
         kept = (stats.index_values(k).astype(np.float64) for k in range(len(levels)))
         levels = [float(np.percentile(values, request.floor_percentile)) for values in kept]
-    return regression_model("hedley", request, stats, levels)
+    return linear_model("hedley", request, levels, stats)

@@ -21,25 +21,6 @@ def plan(request: FitRequest) -> SamplePlan:
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - f (L_i(brightest) - L_i(darkest)), f = (NIR - min NIR) / (max NIR - min NIR).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct and NIR references.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope of each band between the two pixels, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Hochberg, Andrefouet, Tyler (2003), "Sea surface correction of high spatial resolution Ikonos images to improve
     bottom mapping in near-shore environments", IEEE Transactions on Geoscience and Remote Sensing 41, 1724-1729,
     doi:10.1109/TGRS.2003.815408.
@@ -47,4 +28,4 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     ends = list(zip(stats.darkest, stats.brightest, strict=True))
     slopes = np.array([(b.spectrum - d.spectrum) / (b.value - d.value) for d, b in ends]).T
-    return linear_model("hochberg", request, slopes, [d.value for d, _ in ends], stats)
+    return linear_model("hochberg", request, [d.value for d, _ in ends], stats, slopes)

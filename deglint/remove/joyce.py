@@ -9,36 +9,17 @@ from __future__ import annotations
 
 from .levels import mode
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - b_i (NIR - mode NIR).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, NIR references, and estimator of the slopes.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope b_i of each band, with its standard error, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, The University of
     Queensland; as given by Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697, section
     3.2.
     """
     check_sample(request, stats)
     levels = [mode(stats.index_values(k)) for k in range(len(request.indexes))]
-    return regression_model("joyce", request, stats, levels)
+    return linear_model("joyce", request, levels, stats)

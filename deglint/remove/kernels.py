@@ -11,8 +11,8 @@ support of the kernel, and the scatter of the responses gives their jackknife co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,18 +47,17 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
     return tuple((row, column) for row in range(-half, half + 1) for column in range(-half, half + 1))
 
 
-@dataclass(frozen=True, eq=False)
-class LagGrams:
+class LagGrams(NamedTuple):
     """Gram matrices of [references at every offset | bands], one for each square of the sample."""
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
     pixels: npt.NDArray[np.int64]  # (square,)
-    references: int  # number of references
     places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of its first pixel
+    references: int  # number of references
 
     def some(self, chosen: Mask) -> LagGrams:
         """The matrices of selected squares."""
-        return LagGrams(self.grams[chosen], self.pixels[chosen], self.references, self.places[chosen])
+        return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
         """Variables of one reference in a kernel of this side."""
@@ -121,8 +120,8 @@ def gather(
     return LagGrams(
         np.array(grams).reshape(-1, count, count),
         np.array(pixels, np.int64),
-        len(references),
         np.array(places, np.int64).reshape(-1, 2),
+        len(references),
     )
 
 
@@ -140,12 +139,8 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
     """The matrices of several tiles, in their order."""
-    return LagGrams(
-        np.concatenate([p.grams for p in parts]),
-        np.concatenate([p.pixels for p in parts]),
-        parts[0].references,
-        np.concatenate([p.places for p in parts]),
-    )
+    grams, pixels, places, references = zip(*parts, strict=True)
+    return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), references[0])
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
@@ -163,19 +158,18 @@ def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], co
     return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
 
 
-@dataclass(frozen=True)
-class BandSet:
+class BandSet(NamedTuple):
     """Bands with the same references; `bands` are indexes into the request's bands to correct."""
 
     references: tuple[int, ...]
     bands: tuple[int, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class KernelFit:
+class KernelFit(NamedTuple):
     """Kernels of one set of bands."""
 
-    band_set: BandSet
+    references: tuple[int, ...]
+    bands: list[int]
     support: tuple[int, ...]  # side of the kernel on each reference [pixel]
     coefficients: Float64  # (variable, band)
     response: Float64  # (band,), to uniform glint
@@ -202,10 +196,10 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
         mine = [k for k, s in enumerate(chosen) if s == support]
         wanted = [outputs[k] for k in mine]
         left_out = [_response(grams, total - g, support, wanted) for g in groups] if count > 1 else []
-        own, loss = tuple(band_set.bands[k] for k in mine), losses[support].sum(axis=0)[mine]
+        own, loss = [band_set.bands[k] for k in mine], losses[support].sum(axis=0)[mine]
         kernels, response = solve(total, grams.inputs(support), wanted), _response(grams, total, support, wanted)
-        pixels, own_set = int(grams.pixels.sum()), BandSet(band_set.references, own)
-        out.append(KernelFit(own_set, support, kernels, response, np.array(left_out), loss, pixels))
+        pixels = int(grams.pixels.sum())
+        out.append(KernelFit(band_set.references, own, support, kernels, response, np.array(left_out), loss, pixels))
     return out
 
 
@@ -268,14 +262,13 @@ def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
     """
     share = np.zeros(bands)
     for f in found:
-        share[list(f.band_set.bands)] += f.pixels
+        share[f.bands] += f.pixels
     groups = min((len(f.left_out) for f in found), default=0)
     response, left_out = np.zeros(bands), np.zeros((groups, bands))
     for f in found:
-        mine = list(f.band_set.bands)
-        response[mine] += f.response * f.pixels / share[mine]
+        response[f.bands] += f.response * f.pixels / share[f.bands]
         if groups:
-            left_out[:, mine] += f.left_out[:groups] * f.pixels / share[mine]
+            left_out[:, f.bands] += f.left_out[:groups] * f.pixels / share[f.bands]
     if groups < 2:
         return response, np.diag(response**2)
     away = left_out - left_out.mean(axis=0)

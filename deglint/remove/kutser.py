@@ -25,27 +25,6 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
     R'_i = R_i - G_i D / D_max with D = (R_739 + R_775) / 2 - R_760 and G = R(at D_max) - R(at D_min).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, with their wavelengths [nm].
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope G_i / D_max of each band on D, with the level 0.
-
-    Raises
-    ------
-    BandError
-        The scene has no band at one of these wavelengths.
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Kutser, Vahtmae, Praks (2009), "A sun glint correction method for hyperspectral imagery containing areas with
     non-negligible water leaving NIR signal", Remote Sensing of Environment 113, 2267-2274,
     doi:10.1016/j.rse.2009.06.016.
@@ -54,7 +33,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
-    return linear_model("kutser", request, slopes, [0.0], stats)
+    return linear_model("kutser", request, [0.0], stats, slopes)
 
 
 def _with_depth(request: FitRequest) -> FitRequest:

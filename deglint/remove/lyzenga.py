@@ -7,34 +7,15 @@ stays in the image: differences within a band are correct, absolute values are n
 from __future__ import annotations
 
 from .model import GlintModel
-from .request import FitRequest, check_sample, regression_model
+from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - r_ij (L_j - mean L_j), r_ij = cov(i, j) / var(j).
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct, NIR references, and estimator of the slopes.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Slope r_ij of each band, with its standard error, and the level of each reference.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Lyzenga, Malinas, Tanis (2006), "Multispectral bathymetry using a simple physically based algorithm", IEEE
     Transactions on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.
     """
     check_sample(request, stats)
-    return regression_model("lyzenga", request, stats, stats.moments.mean[len(request.correct) :].tolist())
+    return linear_model("lyzenga", request, stats.moments.mean[len(request.correct) :].tolist(), stats)

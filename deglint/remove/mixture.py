@@ -55,8 +55,6 @@ def fit(
 
     Raises FitError: too little water.
 
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference, one pixel); Holland, Welsch (1977), Communications in Statistics A6,
     813-827, doi:10.1080/03610927708827533 (iteratively reweighted least squares).

@@ -143,33 +143,12 @@ class GlintModel:
         return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
 
     def to_json(self) -> str:
-        """The model as JSON text (what `--save-model` writes).
-
-        Returns
-        -------
-        str
-            Plain numbers, with the format's version; `from_json` reads it.
-        """
+        """The model as JSON text, with the format's version (what `--save-model` writes); `from_json` reads it."""
         return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
-        """Read a model written by `to_json`.
-
-        Parameters
-        ----------
-        text : str
-            JSON.
-
-        Returns
-        -------
-        GlintModel
-
-        Raises
-        ------
-        InputError
-            The text is not a saved model, or one of a later format.
-        """
+        """Read a model from the text of `to_json`; InputError if it is not a model, or one of a later format."""
         try:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
@@ -181,21 +160,9 @@ class GlintModel:
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
-        """The same model for a scene with these band names, in any order.
+        """The same model for a scene with these band names, in any order and case.
 
-        Parameters
-        ----------
-        names : tuple of str
-            Names of all bands of the scene; case does not matter.
-
-        Returns
-        -------
-        GlintModel
-
-        Raises
-        ------
-        InputError
-            A band that the model needs is missing; the message names it.
+        InputError names the bands that the model needs and the scene lacks.
         """
         if names == self.band_names:
             return self
@@ -219,21 +186,17 @@ class GlintModel:
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """Check that the numbers of bands and indexes in a saved model exist."""
+    """Check that the bands and indexes of a saved model exist, and that its lists agree in length."""
     indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
-    faults = {
-        "it follows no band": not any(i.bands for i in model.indexes),
-        f"it uses bands {sorted(bands)}, counted from 0, and names {len(names)}": not bands <= set(names),
-        "a fit on an index that it does not hold": not {f.index for f in model.fits} <= set(range(len(model.indexes))),
-        "weights or offsets of another number than their bands": any(
-            {len(i.weights), len(i.offsets or i.bands)} != {len(i.bands)} for i in indexes
-        ),
-        "indexes of two numbers for two kinds of strips": len(model.second) not in (0, len(model.indexes)),
-        "strips whose rows differ in length": len({len(row) for row in model.strips.rows} if model.strips else "1")
-        != 1,
-        "a slope that is not finite": not np.isfinite([f.slope for f in model.fits]).all(),
-    }
-    if any(faults.values()):
-        raise ValueError(next(fault for fault, found in faults.items() if found))
+    if not (
+        any(i.bands for i in model.indexes)
+        and bands <= set(names)
+        and {f.index for f in model.fits} <= set(range(len(model.indexes)))
+        and all(len(i.bands) == len(i.weights) == len(i.offsets or i.bands) for i in indexes)
+        and len(model.second) in (0, len(model.indexes))
+        and (model.strips is None or len({len(row) for row in model.strips.rows}) == 1)
+        and np.isfinite([f.slope for f in model.fits]).all()
+    ):
+        raise ValueError("its bands, indexes, weights, offsets, slopes or strips do not agree")
     return model

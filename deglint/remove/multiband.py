@@ -55,25 +55,6 @@ def plan(request: FitRequest) -> SamplePlan:
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct and NIR references.
-    stats : SampleStatistics
-        Statistics of the sample [unit of the bands], gathered with the method's plan.
-
-    Returns
-    -------
-    GlintModel
-        Weights w_i of the references of each band, and its level p_i0.
-
-    Raises
-    ------
-    FitError
-        The sample has fewer than 64 pixels, or a reference does not vary in it.
-
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67,
     doi:10.1080/00401706.1970.10488634 (ridge regression).

@@ -6,8 +6,6 @@ the NIR. Wrong for digital numbers or for radiance; over-corrects turbid and sha
 
 from __future__ import annotations
 
-import numpy as np
-
 from .model import GlintModel
 from .request import FitRequest, linear_model
 from .statistics import SampleStatistics
@@ -16,23 +14,8 @@ from .statistics import SampleStatistics
 def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
     """R'_i = R_i - R_NIR.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands to correct and NIR references.
-    _stats : None
-        No sample is needed.
-
-    Returns
-    -------
-    GlintModel
-        Slope 1 of each band on its NIR, with the level 0; nothing is fitted.
-
-    References
-    ----------
     Dierssen, Zimmerman, Leathers, Downes, Davis (2003), "Ocean color remote sensing of seagrass and bathymetry in the
     Bahamas Banks by high-resolution airborne imagery", Limnology and Oceanography 48, 444-455,
     doi:10.4319/lo.2003.48.1_part_2.0444.
     """
-    count = len(request.indexes)
-    return linear_model("nir-subtraction", request, np.ones((len(request.correct), count)), [0.0] * count)
+    return linear_model("nir-subtraction", request, [0.0] * len(request.indexes))

@@ -7,15 +7,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..checks import check_choice, check_number
 from ..errors import BandError, FitError, InputError
+from ..moments import Float64
 from ..scene import Band
 from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
-from .regression import REGRESSIONS, explained, standard_error
-from .statistics import SamplePlan, SampleStatistics
+from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
 
 MIN_PIXELS = 64
 """Fewest pixels for fitting a slope."""
@@ -77,28 +76,26 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
     return SamplePlan(request.correct, request.indexes, size, keep)
 
 
-def regression_model(method: str, request: FitRequest, stats: SampleStatistics, levels: Sequence[float]) -> GlintModel:
-    """Model with slopes by the request's regression, and the level of each index."""
-    slopes = REGRESSIONS[request.regression](stats)
-    return linear_model(method, request, slopes, levels, stats, regression=request.regression)
-
-
 def linear_model(
     method: str,
     request: FitRequest,
-    slopes: npt.ArrayLike,
     levels: Sequence[float],
     stats: SampleStatistics | None = None,
-    *,
-    regression: str | None = None,
+    slopes: Float64 | None = None,
 ) -> GlintModel:
-    """Model with slopes (band, index), R2 if there is a sample, and standard errors if a regression gave the slopes."""
-    slopes = np.asarray(slopes, np.float64)
-    errors = r2 = np.full(slopes.shape, np.nan)
-    n = 0
-    if stats is not None:
+    """Model with the levels of the indexes and R2 if there is a sample; slopes (band, index) are 1 if there is none.
+
+    Where slopes are not given with a sample they are those of the request's regression, with standard errors.
+    """
+    shape = len(request.correct), len(request.indexes)
+    regression, n, errors, r2 = None, 0, np.full(shape, np.nan), np.full(shape, np.nan)
+    if stats is None:
+        slopes = np.ones(shape)
+    else:
+        if slopes is None:
+            regression, slopes = request.regression, REGRESSIONS[request.regression](stats)
+            errors = standard_error(stats, slopes)
         n, r2 = stats.regressed.n, explained(stats, slopes)
-        errors = errors if regression is None else standard_error(stats, slopes)
     fits = []
     for i, (band, follows) in enumerate(zip(request.correct, request.follows, strict=True)):
         k = int(np.argmax(r2[i])) if follows is None else follows
@@ -116,29 +113,22 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
             "Widen the sample's polygon or window, or pass --sample."
         )
-    for k in range(len(request.indexes)):
-        name = " and ".join(request.bands[b].name for b in request.indexes[k].bands)
-        v = len(request.correct) + k
-        if stats.moments.minimum[v] == stats.moments.maximum[v]:
+    moments, first = stats.moments, len(request.correct)
+    used = [*((b,) for b in request.correct), *(index.bands for index in request.indexes)]
+    for v in (*range(first, len(used)), *range(first)):
+        name, power = " and ".join(request.bands[b].name for b in used[v]), moments.comoment[v]
+        if v >= first and moments.minimum[v] == moments.maximum[v]:
             raise FitError(
-                f"{name} is constant ({stats.moments.minimum[v]:g}) over the {stats.moments.n} pixels of the "
-                "sample, so no slope can be fitted. Choose another --nir, or a --sample where glint varies."
+                f"{name} is constant ({moments.minimum[v]:g}) over the {moments.n} pixels of the sample, so no slope "
+                "can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
+        if v >= first and stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
-        if not stats.moments.comoment[v, v] > 0:
-            raise _beyond_squares(name, stats, v)
-    for i, band in enumerate(request.correct):
-        if not np.isfinite(stats.moments.comoment[i]).all():
-            raise _beyond_squares(request.bands[band].name, stats, i)
-
-
-def _beyond_squares(name: str, stats: SampleStatistics, v: int) -> FitError:
-    low, high = stats.moments.minimum[v], stats.moments.maximum[v]
-    return FitError(
-        f"{name} goes from {low:g} to {high:g}, squares of which are beyond double precision. Bring it to other "
-        "units, or mark what is not valid as nodata."
-    )
+        if not (power[v] > 0 if v >= first else np.isfinite(power).all()):
+            raise FitError(
+                f"{name} goes from {moments.minimum[v]:g} to {moments.maximum[v]:g}, squares of which are beyond "
+                "double precision. Bring it to other units, or mark what is not valid as nodata."
+            )
 
 
 def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:

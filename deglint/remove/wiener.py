@@ -4,17 +4,10 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
 and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
-a local mean subtracted from every band (`deglint.remove.kernels`). One kernel thus models all displacement and blur
-between the glint of two bands, and averages the noise of the reference. With a kernel of one pixel, no local mean and
-the minimum as level it is Hedley's method.
-
-- Kernels of 1, 3 and 5 pixels are compared by cross-validation on squares of the sample; the smallest that is not
-  significantly worse than the best is used.
-- The response of a band to uniform glint is the sum of its kernel. All responses are drawn toward the spectrum of
-  glint, known to a fifth (`deglint.remove.colour`). All bands are corrected, or none.
-- There is one level p_b0 for all bands: the prediction at the pixels where it is lowest, raised until no band becomes
-  negative (`deglint.remove.levels`).
-- Glint is never negative: where the prediction is below the level, nothing is changed.
+a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between the glint
+of two bands, and average the noise of the reference. Their sums, the responses to uniform glint, are drawn toward the
+spectrum of glint (`deglint.remove.colour`); all bands are corrected, or none. There is one level for all bands
+(`deglint.remove.levels`). With a kernel of one pixel, no local mean and the minimum as level it is Hedley's method.
 
 Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
@@ -36,7 +29,7 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .colour import SharedGlint, shared_glint
+from .colour import shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
@@ -83,31 +76,15 @@ def fit(
     *,
     strips: Strips | Callable[[SquareKinds], Strips] | None = None,
 ) -> GlintModel:
-    """Fit kernels, responses and level.
+    """Fit kernels, responses and level; no fits if the bands' common glint is not significant or worth removing.
 
-    Parameters
-    ----------
-    request : FitRequest
-        Bands and references; with regression "ols" no local mean is subtracted, and responses are not drawn to the
-        expected spectrum.
-    tiles : sequence of SampleTile
-        Spread over the scene; 0.3 million pixels are enough.
-    strips : Strips or callable, optional
-        Strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the whole
-        scene by the kinds of the squares in its tiles, called if the sample shows two kinds.
+    request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
+    tiles : spread over the scene; 0.3 million pixels are enough
+    strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
+        whole scene by the kinds of the squares in its tiles, called if the sample shows two kinds
 
-    Returns
-    -------
-    GlintModel
-        Without fits if the glint common to the bands is not significant, or not worth removing.
+    Raises FitError: too little open water.
 
-    Raises
-    ------
-    FitError
-        Too little open water.
-
-    References
-    ----------
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
     Stationary Time Series, MIT Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9,
@@ -119,6 +96,11 @@ def fit(
     if not request.faint:  # there weights bound what a pixel teaches
         learnt = _without_outliers(learnt)
     grams = [_gathered(s, learnt, request) for s in sets]
+    if not all(len(g.grams) for g in grams):
+        raise FitError(
+            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
+            "polygon or window over open water, or --mask with what is water."
+        )
     if callable(strips):
         mirrored = find_kernels(grams[0])
         strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
@@ -129,11 +111,13 @@ def fit(
     ]
     every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
-    shared = shared_glint(response, covariance, request, sets)
-    model = _model(request, fitted, strips, rules, shared, covariance)
+    weights, drawn = shared_glint(response, covariance, request, sets)
+    spread = float(weights @ covariance @ weights)
+    sure = not spread > 0 or float(weights @ response) / np.sqrt(spread) > SURE
+    model = _model(request, fitted, strips, rules, (weights, drawn, covariance))
     left = np.concatenate([k.loss for k in every])
     noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
-    if shared.significance <= SURE or noise > 1 - kernels.WORTH:
+    if not sure or noise > 1 - kernels.WORTH:
         why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(why,))
     return _with_level(model, learnt, request)
@@ -154,10 +138,7 @@ def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Row and column in the scene of squares with enough water, and whether they are in strips of the second kind."""
-    try:
-        grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
-    except FitError:
-        return np.zeros((0, 2), np.int64), np.zeros(0, np.bool_)
+    grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
 
@@ -172,11 +153,8 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
             weight = faint_weight(references[0], t.sample, size) if request.faint else None
             parts.append(gather(references, bands, sample, size=size, origin=t.origin, weight=weight))
         if any(len(p.grams) for p in parts):
-            return merge(parts)
-    raise FitError(
-        "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a polygon "
-        "or window over open water, or --mask with what is water."
-    )
+            break
+    return merge(parts)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
@@ -269,15 +247,18 @@ def _model(
     fitted: Sequence[Sequence[KernelFit]],
     strips: Strips | None,
     rules: dict[int, ReferenceRule],
-    shared: SharedGlint,
-    covariance: Float64,
+    shared: tuple[Float64, Float64, Float64],
 ) -> GlintModel:
-    """Kernels of each kind of strip with the posterior responses; without levels."""
-    slopes = [float(s) if s > 0 else 1.0 for s in shared.response]  # of a band, if its NIR increases by 1 everywhere
-    indexes = [_indexes(some, shared, slopes) for some in fitted]
+    """Kernels of each kind of strip with the posterior responses; without levels.
+
+    shared : weights of the bands in the common glint, their posterior responses, and the covariance of the responses
+    """
+    weights, response, covariance = shared
+    slopes = [float(s) if s > 0 else 1.0 for s in response]  # of a band, if its NIR increases by 1 everywhere
+    indexes = [_indexes(some, weights, response, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
-        for k, place in enumerate(f.band_set.bands):
+        for k, place in enumerate(f.bands):
             band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
             r2 = float(1 - f.loss[k])
             fits[place] = BandFit(band, request.bands[band].name, place, slopes[place], error, r2, f.pixels)
@@ -290,21 +271,22 @@ def _model(
     )  # fmt: skip
 
 
-def _indexes(fitted: Sequence[KernelFit], shared: SharedGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
+def _indexes(
+    fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
+) -> tuple[GlintIndex, ...]:
     """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
 
     k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
     """
     out = {}
     for f in fitted:
-        mine = list(f.band_set.bands)
-        weights = shared.weights[mine]
+        weights = shared[f.bands]
         strength = float(weights @ f.response)
         common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        drawn = f.coefficients + np.outer(common, shared.response[mine] - f.response)
-        at = [(r, o) for r, side in zip(f.band_set.references, f.support, strict=False) for o in offsets(side)]
+        drawn = f.coefficients + np.outer(common, response[f.bands] - f.response)
+        at = [(r, o) for r, side in zip(f.references, f.support, strict=False) for o in offsets(side)]
         bands, places = zip(*at, strict=True)
-        for k, place in enumerate(mine):
+        for k, place in enumerate(f.bands):
             out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in drawn[:, k]), 0.0, places)
     return tuple(out[p] for p in range(len(slopes)))
 
