@@ -170,15 +170,29 @@ def nir_request(
 ) -> FitRequest:
     """Turn a selection of NIR bands into a request.
 
-    bands : all bands of the scene
-    nir : 0-based NIR bands
-    use : reference of a band if there are several NIR bands: their "mean", the "best", which explains the band best, or
-        that of the band's "set", which is taken at the same time (`Band.group`)
-    correct : 0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if
-        wavelengths are not known
-    options : regression, floor_percentile, rrs_factor; see `FitRequest`
+    Parameters
+    ----------
+    bands : sequence of Band
+        All bands of the scene.
+    nir : sequence of int
+        0-based NIR bands.
+    use : {"mean", "best", "set"}
+        Reference of a band if there are several NIR bands: their mean, the one that explains the band best, or the one
+        that is taken at the same time (`Band.group`).
+    correct : sequence of int, optional
+        0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if wavelengths
+        are not known.
+    **options
+        regression, floor_percentile, rrs_factor: see `FitRequest`.
 
-    Raises InputError: a selection that is not possible, or an option out of range.
+    Returns
+    -------
+    FitRequest
+
+    Raises
+    ------
+    InputError
+        A selection that is not possible, or an option out of range.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
