@@ -17,9 +17,9 @@ small P but also a small g, so erasing is not rewarded. As the tiles are few, S 
 counted as if they had a typical contrast and covered a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
-share, which texture cannot show. As every recipe keeps water positive and glint only adds light, what the median after
-a removal exceeds the lowest of any recipe by is counted as an offset that glint left (`level_excess`): an opening sees
-the water itself, while a removal takes its level from the pixels with the least glint.
+share, which texture cannot show. What the median after a removal exceeds the lowest after an opening by is counted as
+an offset that glint left (`level_excess`): an opening sees the water itself, while a removal takes its level from the
+pixels with the least glint.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def level_excess(
     square over bands.
 
     results : images (band, row, column) of each recipe
-    trusted : whether the level of a recipe is not the minimum of a noisy NIR, and so not too low
+    trusted : whether the level of a recipe is compared with
     """
     judged = np.flatnonzero(np.isfinite(unit))
     levels = np.array(

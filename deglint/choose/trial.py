@@ -204,10 +204,11 @@ def _judged(
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
     )
-    if any(m.any() for m in inside):
-        excess = level_excess([r.images for r in runs.values()], inside, unit, [c.method != "hedley" for c in runs])
-        linear = [c.method != "copy" and "replace-level" not in c.chain for c in runs]
-        errors = np.where(linear, np.hypot(errors, excess), errors)
+    opened = ["replace-level" in c.chain for c in runs]
+    if any(opened) and any(m.any() for m in inside):
+        excess = level_excess([r.images for r in runs.values()], inside, unit, opened)
+        removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
+        errors = np.where(removals, np.hypot(errors, excess), errors)
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
