@@ -105,7 +105,7 @@ def test_what_the_nir_does_not_show_is_signal_of_the_scene():
     assert penalised > expected_errors(own[None], own[None], np.ones((1, 4)), np.ones(1), least(shallow))
 
 
-def test_light_that_another_recipe_would_take_everywhere_is_left_glint():
+def test_light_above_the_level_of_an_opening_is_left_glint():
     sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
     results = [[level * sea] for level in (3.0, 1.04, 1.0, 0.5)]
     found = level_excess(results, [INSIDE], unit, [True, True, True, False])

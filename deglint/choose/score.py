@@ -121,20 +121,20 @@ def _shares(mask: Mask) -> list[Float32]:
 
 
 def level_excess(
-    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, trusted: Sequence[bool]
+    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool]
 ) -> Float64:
-    """How much the median of each recipe's result exceeds the lowest of a trusted one, by more than `SIGNAL`; root mean
-    square over bands.
+    """How much more than `SIGNAL` the median of each result exceeds the lowest after an opening, root mean square over
+    bands.
 
     results : images (band, row, column) of each recipe
-    trusted : whether the level of a recipe is compared with
+    opened : whether a recipe has an opening; at least one has
     """
     judged = np.flatnonzero(np.isfinite(unit))
     levels = np.array(
         [[np.median(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
          for images in results]
     )  # fmt: skip
-    least = np.maximum(levels[np.array(trusted)], 0).min(axis=0)
+    least = np.maximum(levels[np.array(opened)], 0).min(axis=0)
     excess = np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1))
     return np.asarray(np.maximum(excess - SIGNAL, 0))
 

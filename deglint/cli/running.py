@@ -121,11 +121,23 @@ def _terminable() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet_libraries() -> Iterator[None]:
-    """Drop what C libraries print on stderr: libtiff prints lines of its own when a disk is full."""
+    """Drop what libraries print on stderr: libtiff prints lines of its own when a disk is full, and rasterio tracebacks
+    for messages of GDAL that it cannot decode.
+    """
+    hooks = sys.excepthook, sys.unraisablehook
+    sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
+    own = sys.stderr is not None and sys.stderr is sys.__stderr__  # neither closed nor redirected by Python
+    try:
+        with _no_c_stderr() if own else contextlib.nullcontext():
+            yield
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks
+
+
+@contextlib.contextmanager
+def _no_c_stderr() -> Iterator[None]:
+    """Send descriptor 2 nowhere, while Python's stderr stays."""
     python_stderr = sys.stderr
-    if python_stderr is None or python_stderr is not sys.__stderr__:  # closed, or not the process's own
-        yield
-        return
     real = os.dup(2)
     with open(real, "w", buffering=1, errors="replace") as sys.stderr, open(os.devnull, "w") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), 2)

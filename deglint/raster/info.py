@@ -7,7 +7,6 @@ missing file from one that GDAL cannot read.
 from __future__ import annotations
 
 import re
-import sys
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -98,25 +97,15 @@ class RasterInfo:
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
 
 
-def _ignore(*_: Any) -> None:
-    pass
-
-
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Ignore the warnings of libraries about a file, such as rasterio's about rasters without georeferencing, and the
-    tracebacks that rasterio prints for messages of GDAL that it cannot decode.
+    """Ignore the warnings of libraries about a file, such as rasterio's about rasters without georeferencing.
 
-    One thread at a time is in the block, as Python's warning filters and hooks are global.
+    One thread at a time is in the block, as Python's warning filters are global.
     """
     with _opening, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        hooks = sys.unraisablehook, sys.excepthook
-        sys.unraisablehook, sys.excepthook = _ignore, _ignore
-        try:
-            yield
-        finally:
-            sys.unraisablehook, sys.excepthook = hooks
+        yield
 
 
 def open_dataset(path: str) -> Any:

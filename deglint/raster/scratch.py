@@ -22,8 +22,6 @@ from ..errors import InputError, ReadError, WriteError
 from .info import gdal_errors, one_line
 from .targets import COMPANIONS
 
-MOVED: list[Path] = []
-"""Outputs that this process has moved into place; a command that is interrupted later reports them."""
 _HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals that are held while files are moved."""
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
@@ -91,7 +89,6 @@ class Scratch:
         for _scratch, target in places:  # companions of old files do not hold for the new ones
             _discard(*(Path(f"{target}{ending}") for ending in COMPANIONS))
         _discard(*kept)
-        MOVED.extend(self._files)
 
 
 @contextlib.contextmanager
