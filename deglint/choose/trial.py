@@ -312,7 +312,7 @@ def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
     """
     planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
     share = even_share(fitted.sample.values(planes))
-    if share > EVEN:
+    if share > 1:
         raise FitError(f"{min(share, 1):.0%} of what it would take lies evenly about its median, as mirrored sky does")
 
 

@@ -15,6 +15,7 @@ from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
 from ..compensate import Background, Chain, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.psf import system_psf, typical_psf
+from ..compensate.posterior import WAVES_RESOLVED
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -230,7 +231,8 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
         return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
     request = replace(job.request, regression="detrended")
     if chain.text != "remove":  # the posterior mean follows
-        request = replace(request, faint=True)
+        resolved = (pixel_size(job.scene) or np.inf) < WAVES_RESOLVED
+        request = replace(request, faint=True, resolved=resolved)
         request = replace(request, more=more_references(request, tiles))
     return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 

@@ -176,6 +176,7 @@ class LevelSample:
     prediction: FloatArray  # (band, pixel), of the kernels
     value: FloatArray  # (band, pixel)
     around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
+    local: FloatArray  # (band, pixel): prediction minus value over slope, local mean; empty if waves are unresolved
     apart: Mask  # (pixel,): may determine the level; all may if there are none
 
     def some(self, which: Any) -> LevelSample:
@@ -188,14 +189,16 @@ def shared_level(
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
 
-    Where every pixel may hold glint, the least of it is no level. What a band exceeds the predicted glint by does not
-    depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at most `DARKER` times w_b / s of a
-    visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. Nor is a sheet even: the least glint is at
-    most `LEAST_OF_MEDIAN` times the median.
+    Where every pixel may hold glint, and a pixel holds several waves, the least of it is no level. What a band exceeds
+    the predicted glint by does not depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at
+    most `DARKER` times w_b / s of a visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. Nor is a
+    sheet even: the least glint is at most `LEAST_OF_MEDIAN` times the median. Where waves are resolved, some face away
+    from the sun, and the least glint is the level; errors of the kernels make single pixels of such a sheet negative,
+    so that local means must be positive.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
-    sheet = span >= SHEET_SPAN
+    sheet, resolved = span >= SHEET_SPAN, len(sample.local) > 0
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     order = sample.around if span < SPARSE else together
@@ -204,19 +207,20 @@ def shared_level(
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     unit = _units(np.median(prediction, axis=1) - level, slopes)
+    excess = sample.local if sheet and resolved else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
         """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
         short = [
-            (float(np.percentile((p - v / s)[inside], 100 - negative)) - at) / u
-            for p, v, s, at, u in zip(prediction, value, slopes, level, unit, strict=True)
+            (float(np.percentile(over[inside], 100 - negative)) - at) / u
+            for over, v, at, u in zip(excess, value, level, unit, strict=True)
             if (inside := (v > 0) & where).any()
         ]  # fmt: skip
         return min(raised + max(short, default=0.0), middle)
 
     lowest = positive(together <= middle, NEGATIVE)
     chosen = max(raised, lowest)
-    if sheet:
+    if sheet and not resolved:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
         chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
         if chosen < raised:

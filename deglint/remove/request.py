@@ -42,6 +42,7 @@ class FitRequest:
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
     more: tuple[int, ...] = ()  # bands that are also references for shorter ones (`deglint.remove.further`)
     faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
+    resolved: bool = False  # pixels are smaller than waves, so that some have no glint
     level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
 
     def __post_init__(self) -> None:

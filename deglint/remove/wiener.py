@@ -291,6 +291,14 @@ def _indexes(
     return tuple(out[p] for p in range(len(slopes)))
 
 
+def _mean(planes: FloatArray, sample: Mask) -> FloatArray:
+    """Mean over the sample in a window of the local mean, (band, row, column)."""
+    import cv2
+
+    share = np.maximum(cv2.blur(sample.astype(np.float32), (LOCAL_MEAN, LOCAL_MEAN)), np.float32(1e-6))
+    return np.stack([cv2.blur(np.where(sample, p, 0), (LOCAL_MEAN, LOCAL_MEAN)) / share for p in planes])
+
+
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """One level for all bands, from the pixels of the sample where the sum of their predictions is lowest."""
     import cv2
@@ -303,7 +311,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
             together = np.tensordot(slopes, found, 1)
             around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
-            planes = (found, np.stack(tile.bands), around, apart_from_sparkle(together, tile.sample))
+            bands = np.stack(tile.bands)
+            local = _mean(found - bands / slopes[:, None, None], tile.sample) if request.resolved else found[:0]
+            planes = (found, bands, around, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
