@@ -15,7 +15,6 @@ from ..morphology import grown
 from ..remove.detrend import SIZE as LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.noise import noise, spread
-from ..remove.request import EVEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, least_glint, least_signal, level_excess, powers
@@ -33,6 +32,9 @@ NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0
 """Least contrast of a ship with its surroundings [robust standard deviations]."""
+EVEN, MIRRORED = 0.55, 0.2
+"""Least even share of variance, and largest standard deviation relative to the water, of mirrored sky: .55 to 1.3 and
+.003 to .05 in simulated seas. Dense sun glint is as even, but varies by .4 to 1.3; sparse sun glint is not even."""
 LEAST_TRIED = 2000
 """Fewest pixels of water with which candidates are tried: fewer do not determine texture."""
 
@@ -248,7 +250,7 @@ def _run(
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
-        _refuse_even(fitted, fine)
+        _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("what removal leaves varies no more than the calm water")
     others = fit_chain(chain, marked, setting, removal(candidate.method)).images
@@ -302,18 +304,22 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
     return least_glint(glint, inside)
 
 
-def _refuse_even(fitted: FittedChain, unit: Float32) -> None:
-    """Reject a removal that takes mirrored sky: sun glint is only bright, and rare where pixels resolve it.
+def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
+    """Reject a removal that takes mirrored sky, where pixels resolve sparkle.
 
     Raises
     ------
     FitError
-        More than half of the removed light is distributed evenly about its median.
+        The removed light varies little, and most of its variance is distributed evenly about its median.
     """
     planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
-    share = even_share(fitted.sample.values(planes))
-    if share > 1:
-        raise FitError(f"{min(share, 1):.0%} of what it would take lies evenly about its median, as mirrored sky does")
+    taken = fitted.sample.values(planes) / np.isfinite(unit).sum()
+    share, deviation = even_share(taken), float(np.std(taken))
+    if share > EVEN and deviation < MIRRORED:
+        raise FitError(
+            f"what it would take varies by {deviation:.1%} of the water, and {min(share, 1):.0%} of its variance lies "
+            "evenly about its median, as mirrored sky does"
+        )
 
 
 def _levels(sample: Sample, bands: int) -> Float32:

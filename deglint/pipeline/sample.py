@@ -14,8 +14,8 @@ import numpy.typing as npt
 from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
 from ..compensate import Background, Chain, ReplaceLevel, Sample, Setting, State, fit_chain
-from ..compensate.psf import system_psf, typical_psf
 from ..compensate.posterior import WAVES_RESOLVED
+from ..compensate.psf import system_psf, typical_psf
 from ..errors import FitError
 from ..masks import away_from_shore, deep_water, fit_sample, water
 from ..masks.find import COARSE_PIXEL
@@ -229,12 +229,17 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
         replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
         inner = offshore(tiles, background.size)
         return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
-    request = replace(job.request, regression="detrended")
+    request = _of_kernels(job)
     if chain.text != "remove":  # the posterior mean follows
-        resolved = (pixel_size(job.scene) or np.inf) < WAVES_RESOLVED
-        request = replace(request, faint=True, resolved=resolved)
+        request = replace(request, faint=True)
         request = replace(request, more=more_references(request, tiles))
     return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
+
+
+def _of_kernels(job: Job) -> FitRequest:
+    """What `wiener` is to fit."""
+    resolved = (pixel_size(job.scene) or np.inf) < WAVES_RESOLVED
+    return replace(job.request, regression="detrended", resolved=resolved)
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
@@ -252,8 +257,7 @@ def fit_training(
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         return found.chain, found.model
     strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job, sampler)
-    request = replace(job.request, regression="detrended")
-    return Chain(), wiener.fit(request, [t.as_sample() for t in training], strips=strips)
+    return Chain(), wiener.fit(_of_kernels(job), [t.as_sample() for t in training], strips=strips)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:

@@ -37,6 +37,11 @@ AVERAGED, SPARSE = 3, 0.1
 """If that share is below a tenth, there is water without glint, and the least glint is searched in means of 3 x 3
 pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level. Larger
 shares occur for pixels that do not resolve glint."""
+NORMAL_TAIL, RARE = 1.65, 0.3
+"""Ratio of the distances of the 1st and the 10th percentile of the predictions from their median, above which the lower
+half is noise and not the floor that glint has: 1.82 for a normal distribution, 1.1 to 1.5 where pixels have glint. And
+the largest even share with which glint is rare: 0 to .1 for rare sparkle, .4 to 1 for dense glint, whose lower half may
+be as wide."""
 SHEET_SPAN = 0.3
 """If that share is larger, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image does not show
 how much of the minimum is water and how much an even sheet of glint."""
@@ -176,7 +181,7 @@ class LevelSample:
     prediction: FloatArray  # (band, pixel), of the kernels
     value: FloatArray  # (band, pixel)
     around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
-    local: FloatArray  # (band, pixel): prediction minus value over slope, local mean; empty if waves are unresolved
+    local: FloatArray  # (band, pixel): prediction minus value over slope, local mean; empty: pixels count
     apart: Mask  # (pixel,): may determine the level; all may if there are none
 
     def some(self, which: Any) -> LevelSample:
@@ -185,9 +190,11 @@ class LevelSample:
 
 
 def shared_level(
-    sample: LevelSample, slopes: Float64, visible: Mask | None = None
+    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
+
+    resolved : pixels are smaller than waves
 
     Where every pixel may hold glint, and a pixel holds several waves, the least of it is no level. What a band exceeds
     the predicted glint by does not depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at
@@ -198,16 +205,17 @@ def shared_level(
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
-    sheet, resolved = span >= SHEET_SPAN, len(sample.local) > 0
+    clear = span < MOSTLY_CLEAR or (resolved and _normal_tail(together))
+    sheet = span >= SHEET_SPAN and not clear
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     order = sample.around if span < SPARSE else together
-    least = order <= np.percentile(order, LEAST_CLEAR if span < MOSTLY_CLEAR else LEAST_GLINT)
+    least = order <= np.percentile(order, LEAST_CLEAR if clear else LEAST_GLINT)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     unit = _units(np.median(prediction, axis=1) - level, slopes)
-    excess = sample.local if sheet and resolved else prediction - value / slopes[:, None]
+    excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
         """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
@@ -220,13 +228,19 @@ def shared_level(
 
     lowest = positive(together <= middle, NEGATIVE)
     chosen = max(raised, lowest)
-    if sheet and not resolved:
+    if sheet and not len(sample.local):
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
         chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
         if chosen < raised:
             lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
             chosen = max(chosen, lowest)
     return np.asarray(level + (chosen - raised) * unit, np.float64), (max(float(lowest), 0.0), float(chosen), middle)
+
+
+def _normal_tail(together: FloatArray) -> bool:
+    """Whether the lower half of the predictions is noise, so that most pixels have no glint."""
+    least, low, middle = np.percentile(together, [1.0, 10.0, 50.0])
+    return bool(middle - least > NORMAL_TAIL * (middle - low)) and even_share(together) < RARE
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
@@ -252,7 +266,9 @@ def _span(sample: LevelSample, together: FloatArray) -> float:
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 
-def shared_level_error(sample: LevelSample, slopes: Float64, visible: Mask | None = None) -> float:
+def shared_level_error(
+    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
+) -> float:
     """Standard error of the level [unit of the NIR].
 
     The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
@@ -262,10 +278,10 @@ def shared_level_error(sample: LevelSample, slopes: Float64, visible: Mask | Non
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
-    left_out = [shared_level(sample.some(group != g), slopes, visible)[1][1] for g in range(FOLDS)]
+    left_out = [shared_level(sample.some(group != g), slopes, visible, resolved=resolved)[1][1] for g in range(FOLDS)]
     error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
     if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
         return error
-    lowest, chosen, _ = shared_level(sample, slopes, visible)[1]
+    lowest, chosen, _ = shared_level(sample, slopes, visible, resolved=resolved)[1]
     lowest = min(lowest, max(_darkest(sample, slopes, visible), 0.0))
     return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))

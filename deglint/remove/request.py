@@ -22,9 +22,6 @@ FEW_PIXELS = 1000
 """A fit to fewer pixels has a warning."""
 LOW_R2 = 0.3
 """A band with a smaller R2 has a warning: the index does not explain it."""
-EVEN = 0.55
-"""Share of a mixture's variance that is distributed evenly about its median, above which removal adds more noise than
-it removes glint."""
 SIGNIFICANT = 3.0
 """Standard errors by which a significant slope exceeds zero."""
 

@@ -303,7 +303,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     """One level for all bands, from the pixels of the sample where the sum of their predictions is lowest."""
     import cv2
 
-    slopes = np.array([f.slope for f in model.fits])
+    slopes, averaged = np.array([f.slope for f in model.fits]), request.faint and request.resolved
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -312,13 +312,13 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             together = np.tensordot(slopes, found, 1)
             around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             bands = np.stack(tile.bands)
-            local = _mean(found - bands / slopes[:, None, None], tile.sample) if request.resolved else found[:0]
+            local = _mean(found - bands / slopes[:, None, None], tile.sample) if averaged else found[:0]
             planes = (found, bands, around, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
-    level, interval = shared_level(sample, slopes, visible)
-    error = shared_level_error(sample, slopes, visible) if request.level_error else None
+    level, interval = shared_level(sample, slopes, visible, resolved=request.resolved)
+    error = shared_level_error(sample, slopes, visible, resolved=request.resolved) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
