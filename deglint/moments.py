@@ -68,21 +68,9 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class CellMoments:
-    """Moments of many cells, each with its position in the scene.
+    """Moments of many cells, as in `Moments` with the cells along the first axis."""
 
-    Attributes
-    ----------
-    keys : (cells, 2) int64 ndarray
-        Row and column of each cell, in cells from the scene's origin.
-    n : (cells,) ndarray
-    mean : (cells, variables) ndarray
-    comoment : (cells, variables, variables) ndarray
-    minimum, maximum : (cells, variables) ndarray
-    rest : (cells, variables) ndarray
-        Rounding error of the mean; the mean of a cell is mean + rest.
-    """
-
-    keys: npt.NDArray[np.int64]
+    keys: npt.NDArray[np.int64]  # (cells, 2), row and column of each cell, in cells from the scene's origin
     n: Float64
     mean: Float64
     comoment: Float64
