@@ -17,7 +17,7 @@ doi:10.1080/00031305.1983.10483115.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,13 +84,8 @@ class CellMoments:
         return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
 
     @classmethod
-    def concatenate(cls, parts: Iterable[CellMoments]) -> CellMoments:
+    def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
         """All cells of the parts; cells may repeat."""
-        parts = list(parts)
-        if not parts:
-            raise InputError("no moments to merge: give at least one part.")
-        if len({p.mean.shape[1] for p in parts}) > 1:
-            raise InputError("moments of different numbers of variables cannot be merged.")
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _CELL_FIELDS))
 
     def by_place(self) -> CellMoments:
