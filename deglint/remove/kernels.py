@@ -43,7 +43,8 @@ FOLDS = 16
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
     """(row, column) of every pixel of a centred square."""
-    return tuple(product(range(-(side // 2), side // 2 + 1), repeat=2))
+    span = range(-(side // 2), side // 2 + 1)
+    return tuple(product(span, span))
 
 
 class LagGrams(NamedTuple):
