@@ -15,7 +15,7 @@ from typing import Any, cast
 from .checks import from_plain
 from .errors import InputError
 
-VERIFIED, UNVERIFIED = "verified", "unverified"
+UNVERIFIED = "unverified"
 
 
 @dataclass(frozen=True, slots=True)
