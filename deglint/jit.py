@@ -1,4 +1,4 @@
-"""numba's compiler with an optional disk cache: kernels import `njit` and all other names of numba from this module."""
+"""numba's compiler with an optional disk cache; kernels import `njit` from this module."""
 
 from __future__ import annotations
 
@@ -18,8 +18,3 @@ def njit(*, cache: bool, **options: Any) -> Callable[[Callable[..., Any]], Any]:
             return numba.njit(**options)(function)
 
     return compiled
-
-
-def __getattr__(name: str) -> Any:
-    """All other names of numba."""
-    return getattr(numba, name)

@@ -17,7 +17,7 @@ doi:10.1080/00031305.1983.10483115.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,21 +68,9 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class CellMoments:
-    """Moments of many cells, each with its position in the scene.
+    """Moments of many cells, as in `Moments` with the cells along the first axis."""
 
-    Attributes
-    ----------
-    keys : (cells, 2) int64 ndarray
-        Row and column of each cell, in cells from the scene's origin.
-    n : (cells,) ndarray
-    mean : (cells, variables) ndarray
-    comoment : (cells, variables, variables) ndarray
-    minimum, maximum : (cells, variables) ndarray
-    rest : (cells, variables) ndarray
-        Rounding error of the mean; the mean of a cell is mean + rest.
-    """
-
-    keys: npt.NDArray[np.int64]
+    keys: npt.NDArray[np.int64]  # (cells, 2), row and column of each cell, in cells from the scene's origin
     n: Float64
     mean: Float64
     comoment: Float64
@@ -96,13 +84,8 @@ class CellMoments:
         return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
 
     @classmethod
-    def concatenate(cls, parts: Iterable[CellMoments]) -> CellMoments:
+    def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
         """All cells of the parts; cells may repeat."""
-        parts = list(parts)
-        if not parts:
-            raise InputError("no moments to merge: give at least one part.")
-        if len({p.mean.shape[1] for p in parts}) > 1:
-            raise InputError("moments of different numbers of variables cannot be merged.")
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _CELL_FIELDS))
 
     def by_place(self) -> CellMoments:

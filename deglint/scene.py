@@ -118,15 +118,18 @@ class Scene:
         (3, row, column) ndarray or None
             At most `MIDDLE` rows and columns.
         """
-        known = [b for b in range(len(self.bands)) if self.bands[b].wavelength]
-        bands = (list(range(len(self.bands))) * 3)[:3]
-        if len(known) >= 3:
-            bands = [min(known, key=lambda b: abs((self.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
-        window = tuple((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
+        rows, columns = ((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
         try:
-            return self.source.read((window[0], window[1]), bands)
+            return self.source.read((rows, columns), self.rgb(range(len(self.bands))))
         except DeglintError:
             return None
+
+    def rgb(self, among: Sequence[int]) -> list[int]:
+        """The bands nearest to red, green and blue of some bands, 0-based; if there are fewer, they are repeated."""
+        waves = {b: w for b in sorted(among) if (w := self.bands[b].wavelength)}
+        if len(waves) < 3:
+            return [*among, *among, *among][:3]
+        return [min(waves, key=lambda b: abs(waves[b] - w)) for w in (660, 555, 480)]
 
     @property
     def shape(self) -> tuple[int, int, int]:

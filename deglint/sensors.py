@@ -10,11 +10,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
+from .checks import from_plain
 from .errors import InputError
 
-VERIFIED, UNVERIFIED = "verified", "unverified"
+UNVERIFIED = "unverified"
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,37 +188,13 @@ def _table() -> dict[str, Sensor]:
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
     """A sensor from a checked entry of the table."""
-    wavelength_status = entry["wavelength_status"]
-    return Sensor(
-        name=name,
-        title=entry["title"],
-        bands=tuple(_band(b, entry.get("time_status", UNVERIFIED)) for b in entry["bands"]),
-        ordered=entry.get("ordered", True),
-        wavelength_status=wavelength_status,
-        width_status=entry.get("width_status", wavelength_status),
-        group_status=entry.get("group_status", UNVERIFIED),
-        optics=_optics(entry["optics"]) if "optics" in entry else None,
-        products=tuple(tuple(names) for names in entry.get("products", ())),
-        aliases=tuple(entry.get("aliases", ())),
-        sources=tuple(entry.get("sources", ())),
-    )
-
-
-def _optics(entry: Mapping[str, Any]) -> Optics:
-    values = dict(entry)
-    if "aperture" in values and "focal_length" in values:
-        values.setdefault("f_number", round(values["focal_length"] / values["aperture"], 2))
-    return Optics(**values)
-
-
-def _band(entry: Mapping[str, Any], time_status: str) -> SensorBand:
-    offset = entry.get("time_offset")
-    return SensorBand(
-        name=entry["name"],
-        wavelength=float(entry["wavelength"]),
-        width=float(entry["width"]),
-        aliases=tuple(entry.get("aliases", ())),
-        time_offset=offset,
-        time_status=None if offset is None else entry.get("time_status", time_status),
-        group=entry.get("group"),
-    )
+    values = {"width_status": entry["wavelength_status"], **entry, "name": name}
+    time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
+    values["bands"] = [(time_status if "time_offset" in band else {}) | band for band in entry["bands"]]
+    optics = dict(entry.get("optics", {}))
+    if "aperture" in optics and "focal_length" in optics:
+        values["optics"] = {"f_number": round(optics["focal_length"] / optics["aperture"], 2), **optics}
+    try:
+        return cast("Sensor", from_plain(Sensor, values))
+    except TypeError as error:
+        raise InputError(f"sensor {name}: {error}.") from None

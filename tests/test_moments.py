@@ -259,5 +259,3 @@ def test_wrong_shapes_are_refused():
         moments(np.zeros((2, 4, 4)), np.ones((4, 5), bool))
     with pytest.raises(InputError, match="band, row, column"):
         cell_moments(np.zeros(4))
-    with pytest.raises(InputError, match="at least one part"):
-        CellMoments.concatenate([])

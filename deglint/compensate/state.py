@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..moments import Float64, Mask
-from ..remove.colour import SUN_ZENITH
+from ..remove.wiener import SUN_ZENITH
 from ..scene import Band
 from .psf import PSF
 

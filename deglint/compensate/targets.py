@@ -28,8 +28,8 @@ import numpy.typing as npt
 
 from ..moments import Float64
 from ..morphology import grown
-from ..remove.colour import SUN_ZENITH
 from ..remove.noise import noise
+from ..remove.wiener import SUN_ZENITH
 from .spectra import Model, models
 from .state import Float32, Mask, Sample, Setting, State, full_scale
 

@@ -160,9 +160,8 @@ def sun_glint(
     wind: npt.ArrayLike,
     wind_from: npt.ArrayLike,
     model: str = "cox-munk",
-    solid_angle: npt.ArrayLike = sun.MEAN_SOLID_ANGLE,
 ) -> Glint:
-    """Sun glint from angles and wind.
+    """Sun glint from angles and wind, for the mean solar disk; for another source call `probability`.
 
     Parameters
     ----------
@@ -174,8 +173,6 @@ def sun_glint(
         Azimuth that the wind blows from [degree].
     model : str
         One of `slopes.MODELS`.
-    solid_angle : array_like
-        Of the source, for the probability [sr].
 
     Examples
     --------
@@ -184,5 +181,5 @@ def sun_glint(
     """
     east, north, incidence, tilt = facet(sun_zenith, sun_azimuth, view_zenith, view_azimuth)
     density = slopes.density(*slopes.to_wind_axes(east, north, wind_from), wind, model=model)
-    share = probability(density, view_zenith, tilt, solid_angle)
+    share = probability(density, view_zenith, tilt, sun.MEAN_SOLID_ANGLE)
     return Glint(radiance(density, view_zenith, tilt, incidence), share, density, incidence, tilt)

@@ -25,6 +25,8 @@ from ._checks import Array, choice, sun_angle, view_angle, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")
 """Names of the sky models."""
+NODES = 20
+"""Facets along each axis in `reflectance`; its computing time grows with the square."""
 
 
 def radiance(
@@ -89,7 +91,6 @@ def reflectance(
     wind: npt.ArrayLike,
     wind_from: npt.ArrayLike,
     model: str = "uniform",
-    nodes: int = 20,
 ) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
@@ -107,8 +108,6 @@ def reflectance(
         The sky; see `radiance`.
     wind, wind_from : array_like
         Speed at 12.5 m [m/s], and the azimuth that it blows from [degree]; slopes are those of Cox and Munk.
-    nodes : int
-        Facets along each axis; the computing time grows with its square.
 
     Examples
     --------
@@ -122,7 +121,7 @@ def reflectance(
     cosine2 = np.cos(np.radians(azimuth - wind_from)) ** 2
     variance_along = variance_u * cosine2 + variance_c * (1.0 - cosine2)
     variance_across = variance_c * cosine2 + variance_u * (1.0 - cosine2)
-    for along, across, weight in _panels(zenith, variance_along, variance_across, nodes):
+    for along, across, weight in _panels(zenith, variance_along, variance_across):
         slant, incidence, up, turn = _mirror(zenith, along, across)
         mirrored = radiance(up, azimuth + turn, sun_zenith, sun_azimuth, model=model)
         density = slopes.density(*slopes.to_wind_axes(across, along, wind_from - azimuth), wind)
@@ -131,15 +130,13 @@ def reflectance(
     return total / (1.0 + slopes.hidden(zenith, variance_along))[..., 0]
 
 
-def _panels(
-    zenith: Array, variance_along: Array, variance_across: Array, nodes: int
-) -> Iterator[tuple[Array, Array, Array]]:
+def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
     """Slopes along and across the view, and areas, of the facets that reflect the sky into the sensor.
 
     For each slope across the view, the slope along it is limited to reflected rays above the horizon, so that the
     integrand is smooth.
     """
-    x, w = np.polynomial.legendre.leggauss(nodes)
+    x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
     tangent = np.tan(np.radians(zenith))
     for node, weight in zip(x, w, strict=True):

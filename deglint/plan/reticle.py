@@ -83,12 +83,13 @@ class Reticle:
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
         spark = glint.sun_glint(
             *mission.sun, self.zenith[:, None], self.azimuth,
-            wind=wind.speed, wind_from=wind.blows_from, model=wind.model, solid_angle=disk,
+            wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
         )  # fmt: skip
-        self.glint_probability, self.glint_strength = np.minimum(spark.probability, 1.0), spark.radiance
+        share = glint.probability(spark.density, self.zenith[:, None], spark.tilt, disk)
+        self.glint_probability, self.glint_strength = np.minimum(share, 1.0), spark.radiance
         self.clear_of_glint: Mask = spark.radiance <= limits.glint
         if limits.glint_probability is not None:
-            self.clear_of_glint &= spark.probability <= limits.glint_probability
+            self.clear_of_glint &= share <= limits.glint_probability
         mirrored = Skylight(self.zenith, self.azimuth, mission.sun, wind, model=mission.sky)
         self.sky_strength = mirrored.mean
         ratio = (limits.sky_ratio / light.diffuse)[:, None, None] * light.background

@@ -145,13 +145,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
 
 
 def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
-    """Fit a method that uses no neighbouring pixels to blocks in memory.
-
-    blocks : (band, row, column) each, physical values of all bands, NaN where not valid
-    masks : (row, column) each, True over the sample
-
-    Raises FitError: the sample does not allow a fit.
-    """
+    """Fit a method that uses no neighbouring pixels to blocks of all bands, and masks of the sample in them."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -168,31 +162,15 @@ def nir_request(
     correct: Sequence[int] | None = None,
     **options: Any,
 ) -> FitRequest:
-    """Turn a selection of NIR bands into a request.
+    """Turn a selection of 0-based NIR bands into a request.
 
-    Parameters
-    ----------
-    bands : sequence of Band
-        All bands of the scene.
-    nir : sequence of int
-        0-based NIR bands.
-    use : {"mean", "best", "set"}
-        Reference of a band if there are several NIR bands: their mean, the one that explains the band best, or the one
-        that is taken at the same time (`Band.group`).
-    correct : sequence of int, optional
-        0-based bands to correct; by default those of shorter wavelength [nm] than the NIR, or all others if wavelengths
-        are not known.
-    **options
-        regression, floor_percentile, rrs_factor: see `FitRequest`.
+    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the one that explains the band
+        best; "set", the one that is taken at the same time (`Band.group`)
+    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if
+        wavelengths are not known
+    options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
-    Returns
-    -------
-    FitRequest
-
-    Raises
-    ------
-    InputError
-        A selection that is not possible, or an option out of range.
+    Raises InputError: a selection that is not possible, or an option out of range.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")

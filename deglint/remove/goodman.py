@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
-from .statistics import SampleStatistics
 
 A = 0.000019
 """Offset [sr^-1]."""
@@ -19,7 +18,7 @@ B = 0.1
 """Ratio of the water-leaving part at 750 nm to Rrs(640) - Rrs(750)."""
 
 
-def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
+def fit(request: FitRequest, _stats: None = None) -> GlintModel:
     """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A.
 
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and

@@ -11,7 +11,7 @@ support of the kernel, and the scatter of the responses gives their jackknife co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -43,8 +43,8 @@ FOLDS = 16
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
     """(row, column) of every pixel of a centred square."""
-    half = side // 2
-    return tuple((row, column) for row in range(-half, half + 1) for column in range(-half, half + 1))
+    span = range(-(side // 2), side // 2 + 1)
+    return tuple(product(span, span))
 
 
 class LagGrams(NamedTuple):
@@ -72,10 +72,6 @@ class LagGrams(NamedTuple):
     def inputs(self, support: tuple[int, ...]) -> list[int]:
         """Variables of kernels with these sides on the first, second, ... reference."""
         return [c for reference, side in enumerate(support) for c in self.columns(reference, side)]
-
-    def centre(self, reference: int) -> int:
-        """Variable of a reference at the pixel itself."""
-        return reference * SIDE**2 + SIDE**2 // 2
 
 
 def gather(
@@ -181,10 +177,10 @@ class KernelFit(NamedTuple):
 def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
     """The kernels of a set of bands, for each support that is best for some of them."""
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
-    groups = [grams.grams[i * len(grams.grams) // count : (i + 1) * len(grams.grams) // count].sum(axis=0)
-              for i in range(count)]  # fmt: skip
+    edges = np.arange(count + 1) * len(grams.grams) // count
+    groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
     total = np.sum(groups, axis=0)
-    usable = [s for s in supports if len(s) <= grams.references and total[grams.centre(len(s) - 1)].any()]
+    usable = [s for s in supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
     if not usable or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
@@ -247,7 +243,7 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
     for reference, side in enumerate(support):
-        rise = 1.0 if reference == 0 else float(solve(gram, first, [grams.centre(reference)]).sum())
+        rise = 1.0 if reference == 0 else float(solve(gram, first, grams.columns(reference, 1)).sum())
         out += rise * coefficients[start : start + side * side].sum(axis=0)
         start += side * side
     return out

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from .model import GlintModel
 from .request import FitRequest, linear_model
-from .statistics import SampleStatistics
 
 
-def fit(request: FitRequest, _stats: SampleStatistics | None = None) -> GlintModel:
+def fit(request: FitRequest, _stats: None = None) -> GlintModel:
     """R'_i = R_i - R_NIR.
 
     Dierssen, Zimmerman, Leathers, Downes, Davis (2003), "Ocean color remote sensing of seagrass and bathymetry in the

@@ -1,14 +1,12 @@
 """Statistics of the sample for a fit, gathered tile by tile and merged, and the regression of the bands on them.
 
-`gather` processes one tile and returns a part; `merge` combines the parts. The result is the same to the bit for any
-tiles aligned with the cells of `deglint.moments` and any number of threads: moments are merged by cell, single pixels
-are selected by their position in the scene, and ties are broken by position.
+The result is the same to the bit for any tiles aligned with the cells of `deglint.moments` and any number of threads:
+moments are merged by cell, single pixels are selected by their position in the scene, and ties are broken by position.
 
-Neighbouring pixels are correlated: the usual standard error is too small by the square root of the number of correlated
-pixels. If the sample spans enough cells, the error is therefore estimated between cells (the cluster-robust estimate of
-Liang and Zeger 1986), otherwise from pixels as if independent. A cell with much of the glint dominates the slope, so
-that its residuals are too small; they are divided by the share of glint in the other cells, which makes the estimate
-the jackknife over cells (CR3 of Bell and McCaffrey 2002; Cameron and Miller 2015, section VI.B).
+Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
+cells (the cluster-robust estimate of Liang and Zeger 1986), otherwise from pixels as if independent. A cell with much
+of the glint dominates the slope, so that its residuals are too small; they are divided by the share of glint in the
+other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
 
 References
 ----------
@@ -176,10 +174,7 @@ def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, 
 
 
 def least_squares(stats: SampleStatistics) -> Float64:
-    """Ordinary least squares: cov(band, index) / var(index), from the moments.
-
-    Used for `ols` and, with moments of detrended values, for `detrended`.
-    """
+    """Ordinary least squares, cov(band, index) / var(index); of detrended values for `detrended`."""
     bands = len(stats.plan.bands)
     return np.asarray(stats.regressed.comoment[:bands, bands:] / np.diag(stats.regressed.comoment)[bands:])
 
@@ -219,8 +214,8 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     """Standard errors of slopes (bands, indexes): between cells, or as of independent pixels if there are few cells.
 
-    ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the index's comoment, h_c the share of it in cell c of
-    G, and s_c the cell's score (CR3 of Cameron and Miller 2015, section VI.B, for one regressor).
+    Between G cells ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the index's comoment, h_c the share of
+    it in cell c, and s_c the cell's score.
     """
     bands = len(stats.plan.bands)
     power = np.diag(stats.regressed.comoment)[bands:]

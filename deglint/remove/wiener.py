@@ -6,7 +6,7 @@ R_r is a reference: the NIR taken at the time of the band, then SWIR or another 
 and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
 a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between the glint
 of two bands, and average the noise of the reference. Their sums, the responses to uniform glint, are drawn toward the
-spectrum of glint (`deglint.remove.colour`); all bands are corrected, or none. There is one level for all bands
+spectrum of glint (`shared_glint`); all bands are corrected, or none. There is one level for all bands
 (`deglint.remove.levels`). With a kernel of one pixel, no local mean and the minimum as level it is Hedley's method.
 
 Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
@@ -29,7 +29,6 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .colour import shared_glint
 from .detrend import SIZE as LOCAL_MEAN
 from .detrend import detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
@@ -39,8 +38,7 @@ from .noise import faint_weight
 from .predict import bordered, predicted
 from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
-from .strips import LEAST_SQUARES_OF_KIND as LEAST_SQUARES
-from .strips import Strips, find_kernels, second_kind
+from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
 """Gives row and column of the squares of a tile, and which of them are in strips of the second kind."""
@@ -57,6 +55,10 @@ SHORTEST_SWIR = 1100.0
 """Shortest wavelength of SWIR [nm]: the limit of silicon detectors."""
 COARSE_EDGE = 2
 """Width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]."""
+COLOUR = 0.2
+"""Relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth."""
+SUN_ZENITH = 40.0
+"""Sun zenith angle of the expected spectrum, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +163,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
     """Group the squares of the sample by kind of strip; one group if a kind has too few."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
-    if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES:
+    if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
 
@@ -334,3 +336,47 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
         f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
     )
     return replace(model, warnings=(warning,))
+
+
+def shared_glint(
+    response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]
+) -> tuple[Float64, Float64]:
+    r"""Weights of the bands in the glint common to them, and their responses drawn to its spectrum.
+
+    Strength a of glint of known spectrum c by generalised least squares, then the posterior mean of each response.
+
+    .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
+        s' = a c + P S^{-1} (s - a c)
+
+    with s the responses of the bands and V their covariance. The spectrum with the smaller (s - a c)^T S^-1 (s - a c),
+    of radiance or of reflectance, is used.
+    """
+    tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
+    if request.regression == "ols":
+        weights = np.linalg.pinv(covariance + tiny) @ response
+        return weights, response
+    tried = []
+    for colour in _colours(request, sets):
+        size = float(np.median(response / colour))
+        for _ in range(3):  # the prior is relative to the size, which converges at once
+            prior = np.diag((COLOUR * size * colour) ** 2)
+            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
+            size = float(weights @ response / (weights @ colour))
+        away = response - size * colour
+        scaled = np.linalg.solve(covariance + prior + tiny, away)
+        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
+        tried.append((float(away @ scaled), weights, posterior))
+    return min(tried, key=lambda t: t[0])[1:]
+
+
+def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
+    """Glint in each band relative to its NIR: 1 (reflectance), and the sun's spectrum (radiance)."""
+    from ..physics.atmosphere import irradiance
+
+    grey = np.ones(len(request.correct))
+    follows = {b: s.references[0] for s in sets for b in s.bands}
+    pairs = [(request.bands[b].wavelength, request.bands[follows[i]].wavelength) for i, b in enumerate(request.correct)]
+    if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
+        return [grey]
+    own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
+    return [grey, own / nir]

@@ -12,15 +12,6 @@ from .scene import SimulatedScene, simulate, simulate_together
 from .setup import Setup
 
 __all__ = [
-    "Artefacts",
-    "Bottom",
-    "FloatingTarget",
-    "Setup",
-    "SimulatedScene",
-    "SubmergedObject",
-    "simulate",
-    "simulate_together",
-    "square",
-    "thesis_array",
-    "whitecaps",
-]
+    "Artefacts", "Bottom", "FloatingTarget", "Setup", "SimulatedScene", "SubmergedObject", "simulate",
+    "simulate_together", "square", "thesis_array", "whitecaps",
+]  # fmt: skip

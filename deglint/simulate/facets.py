@@ -117,11 +117,11 @@ def _draw_sparkle(
     return amplitudes, generator.integers(0, len(frequencies), shape, dtype=np.uint16), frequencies
 
 
-def sparkle_frequencies(sea: Sea, facet: float, count: int = 4096) -> Floats:
-    """Angular frequencies with equal shares of the slope variance that facets of a size [m] do not resolve [rad/s]."""
+def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
+    """Angular frequencies [rad/s] with equal shares of the slope variance that facets of a size [m] do not resolve."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
-    return np.interp((np.arange(count) + 0.5) / count, share / share[-1], dispersion(k))
+    return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
 
 
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
