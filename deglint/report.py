@@ -27,7 +27,8 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     """
     import cv2
 
-    bands = _rgb(scene, model)
+    changed = [f.band for f in model.fits] or list(range(len(scene.bands)))
+    bands = scene.natural_colour(changed[::-1])
     with open_dataset(str(result)) as dataset:
         info = describe(dataset, str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
@@ -40,15 +41,6 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     gap = np.full((len(left), 6, 3), 255, np.uint8)
     _ok, png = cv2.imencode(".png", np.hstack([left, gap, right])[..., ::-1])
     return bytes(png)
-
-
-def _rgb(scene: Scene, model: GlintModel) -> list[int]:
-    """Three corrected bands nearest to red, green and blue; if there are fewer, they are repeated."""
-    corrected = [f.band for f in model.fits] or list(range(len(scene.bands)))
-    known = [b for b in corrected if scene.bands[b].wavelength]
-    if len(known) >= 3:
-        return [min(known, key=lambda b: abs((scene.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
-    return (corrected[::-1] * 3)[:3]
 
 
 def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:

@@ -118,15 +118,18 @@ class Scene:
         (3, row, column) ndarray or None
             At most `MIDDLE` rows and columns.
         """
-        known = [b for b in range(len(self.bands)) if self.bands[b].wavelength]
-        bands = (list(range(len(self.bands))) * 3)[:3]
-        if len(known) >= 3:
-            bands = [min(known, key=lambda b: abs((self.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
         window = tuple((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
         try:
-            return self.source.read((window[0], window[1]), bands)
+            return self.source.read((window[0], window[1]), self.natural_colour(list(range(len(self.bands)))))
         except DeglintError:
             return None
+
+    def natural_colour(self, chosen: list[int]) -> list[int]:
+        """Of the chosen 0-based bands, those nearest to red, green and blue; else the first three, or one repeated."""
+        known = [b for b in chosen if self.bands[b].wavelength]
+        if len(known) < 3:
+            return (chosen * 3)[:3]
+        return [min(known, key=lambda b: abs((self.bands[b].wavelength or 0) - w)) for w in (660, 555, 480)]
 
     @property
     def shape(self) -> tuple[int, int, int]:

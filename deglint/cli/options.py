@@ -162,5 +162,4 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
 
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
-        held = cluster.memory().values()
-        log.info("%d workers, each held at most %.0f MB", len(held), max(held) / 1e6)
+        log.info("%d workers, each held at most %.0f MB", *cluster.numbers().values())
