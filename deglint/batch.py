@@ -43,8 +43,6 @@ from .tiles import default_threads
 log = logging.getLogger(__name__)
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Optional outputs beside the image, and the endings of their file names."""
-OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
-"""Names in the table [output]."""
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 STOP_PATIENCE = 10.0
 """Time that a worker has to remove temporary files when the batch is stopped [s]."""
@@ -79,7 +77,8 @@ def read_order(path: str, directory: str | None = None) -> Order:
     directory above the current one.
     """
     document = read_toml(path, "recipe")
-    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": [*READING, "assets"], "output": OF_OUTPUT}
+    of_output = ["directory", "name", "extras", "dtype", "options"]
+    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": [*READING, "assets"], "output": of_output}
     for table, values in document.items():
         if table not in allowed or not isinstance(values, dict):
             raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")

@@ -46,8 +46,6 @@ class FileName(click.Path):
 
 
 FILE = FileName()
-AREA = FileName("auto", "none")
-"""Option value that is a file or area, "auto" or "none"."""
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
