@@ -243,10 +243,9 @@ def _run_jobs(
 
     def work(job: Job) -> Outcome:
         worker = idle.popleft()  # there are as many workers as threads of the pool
-        begun = time.perf_counter()
         done = worker.run(job)
         idle.append(worker)
-        return replace(done, seconds=round(time.perf_counter() - begun, 3))
+        return done
 
     pool = ThreadPoolExecutor(count)
     try:
@@ -280,6 +279,7 @@ class _Worker:
 
     def run(self, job: Job) -> Outcome:
         """The outcome of a job; meanwhile what the worker logs is logged here."""
+        begun = time.perf_counter()
         if not self.process.is_alive():
             self.start()
         try:
@@ -291,7 +291,7 @@ class _Worker:
             self.process.join()
         code = self.process.exitcode
         why = " (SIGKILL): out of memory, perhaps; try fewer --jobs" if code == -9 else ""
-        return job.ended(FAILED, f"its process ended with exit code {code}{why}")
+        return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=_since(begun))
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
@@ -307,7 +307,12 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while True:
-            line.send(_do(line.recv(), order, threads))
+            job, begun = line.recv(), time.perf_counter()
+            line.send(replace(_do(job, order, threads), seconds=_since(begun)))
+
+
+def _since(begun: float) -> float:
+    return round(time.perf_counter() - begun, 3)
 
 
 def _watch_parent() -> None:
