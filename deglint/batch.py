@@ -12,11 +12,10 @@ import hashlib
 import json
 import logging
 import os
-import queue
 import signal
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -44,8 +43,6 @@ from .tiles import default_threads
 log = logging.getLogger(__name__)
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Optional outputs beside the image, and the endings of their file names."""
-OF_OUTPUT = ("directory", "name", "extras", "dtype", "options")
-"""Names in the table [output]."""
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 STOP_PATIENCE = 10.0
 """Time that a worker has to remove temporary files when the batch is stopped [s]."""
@@ -74,16 +71,14 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file; `directory`, if given, replaces its output directory.
-
-    It is TOML with the tables [recipe] (fields of `Recipe`), [input] (keywords of `deglint.open_scene`, and assets) and
-    [output] (directory, name, extras, dtype, options); every one may be left out.
+    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces its output directory.
 
     Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
     directory above the current one.
     """
     document = read_toml(path, "recipe")
-    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": [*READING, "assets"], "output": OF_OUTPUT}
+    of_output = ["directory", "name", "extras", "dtype", "options"]
+    allowed = {"recipe": [f.name for f in fields(Recipe)], "input": [*READING, "assets"], "output": of_output}
     for table, values in document.items():
         if table not in allowed or not isinstance(values, dict):
             raise InputError(f"{path}: {table!r} is not one of the tables [recipe], [input], [output].")
@@ -109,8 +104,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
         checked_name(order.name.replace("{name}", "x"), "[output] name")
         for extra in order.extras:
             check_choice(extra, list(EXTRAS), "[output] extras:")
-        if order.dtype is not None:
-            check_choice(order.dtype, list(DTYPES), "[output] dtype")
+        check_choice(order.dtype or "float32", list(DTYPES), "[output] dtype")
         if directory is None and Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
             raise InputError(
                 f"[output] directory {str(order.directory)!r} leads out of the directory that the batch runs in. If "
@@ -128,11 +122,9 @@ class Job:
     scene: ListedScene
     outputs: Outputs
 
-    def ended(self, status: str, reason: str = "", *, begun: float, **more: Any) -> Outcome:
-        """The row of the summary for this scene, processed since `begun`."""
-        seconds = round(time.perf_counter() - begun, 3)
-        inputs = ";".join(self.scene.paths)
-        return Outcome(self.scene.name, inputs, str(self.outputs.image), status, reason, seconds, **more)
+    def ended(self, status: str, reason: str = "", **more: Any) -> Outcome:
+        """The row of the summary for this scene."""
+        return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
 @dataclass(frozen=True)
@@ -220,7 +212,7 @@ def run_batch(
 
     def ended(number: int, outcome: Outcome) -> None:
         found[number] = outcome
-        if done is not None:
+        if done:
             done(outcome)
 
     with contextlib.ExitStack() as stack:
@@ -229,14 +221,13 @@ def run_batch(
             check_target(order.directory / "x.tif", overwrite=True)
             stack.enter_context(claimed(order.directory))
         for i, job in enumerate(jobs):
-            begun = time.perf_counter()
             status, why = state_of(job)
             if status == FAILED:
                 status, why = (TODO, why) if overwrite else (FAILED, f"{why}. Give --overwrite to make it again")
             if status == TODO and not dry_run:
                 todo[i] = replace(job, outputs=replace(job.outputs, overwrite=overwrite or bool(why)))
             else:
-                ended(i, job.ended(status, why, begun=begun))
+                ended(i, job.ended(status, why))
         if todo:
             count = min(processes, len(todo))
             _run_jobs(todo, order, count, threads or max(1, default_threads() // count), ended)
@@ -248,16 +239,13 @@ def _run_jobs(
 ) -> None:
     """Run the jobs on `count` processes of some threads each; `ended` is called with the number of each job."""
     workers = [_Worker(order, threads) for _ in range(count)]
-    idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
-    for worker in workers:
-        idle.put(worker)
+    idle = deque(workers)
 
     def work(job: Job) -> Outcome:
-        worker = idle.get()
-        try:
-            return worker.run(job)
-        finally:
-            idle.put(worker)
+        worker = idle.popleft()  # there are as many workers as threads of the pool
+        done = worker.run(job)
+        idle.append(worker)
+        return done
 
     pool = ThreadPoolExecutor(count)
     try:
@@ -302,10 +290,8 @@ class _Worker:
         except (EOFError, OSError):
             self.process.join()
         code = self.process.exitcode
-        why = f"its process ended with exit code {code}"
-        if code == -9:
-            why += " (SIGKILL): out of memory, perhaps; try fewer --jobs"
-        return job.ended(FAILED, why, begun=begun)
+        why = " (SIGKILL): out of memory, perhaps; try fewer --jobs" if code == -9 else ""
+        return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=_since(begun))
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
@@ -321,7 +307,12 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while True:
-            line.send(_do(line.recv(), order, threads))
+            job, begun = line.recv(), time.perf_counter()
+            line.send(replace(_do(job, order, threads), seconds=_since(begun)))
+
+
+def _since(begun: float) -> float:
+    return round(time.perf_counter() - begun, 3)
 
 
 def _watch_parent() -> None:
@@ -331,16 +322,14 @@ def _watch_parent() -> None:
 
 
 def _do(job: Job, order: Order, threads: int) -> Outcome:
-    begun = time.perf_counter()
     try:
         result = remove_glint(job.scene.source, job.outputs, order.recipe, **order.opening, threads=threads)
     except NoWaterError as error:
-        return job.ended(NO_WATER, str(error), begun=begun)
+        return job.ended(NO_WATER, str(error))
     except MemoryError:
-        return job.ended(FAILED, "out of memory. Use fewer --jobs, or a machine with more.", begun=begun)
+        return job.ended(FAILED, "out of memory. Use fewer --jobs, or a machine with more.")
     except Exception as error:  # noqa: BLE001  (one bad scene does not stop the rest)
         fault = "" if isinstance(error, DeglintError) else f" ({type(error).__name__}, a fault of deglint's own)"
-        return job.ended(FAILED, " ".join(str(error).split()) + fault, begun=begun)
-    tally, method = result.tally, result.fitted.model.method
-    share = tally.corrected / max(tally.total, 1)
-    return job.ended(DONE, begun=begun, method=method, corrected=share, warnings=len(result.warnings))
+        return job.ended(FAILED, " ".join(str(error).split()) + fault)
+    share, method = result.tally.corrected / result.tally.total, result.fitted.model.method
+    return job.ended(DONE, method=method, corrected=share, warnings=len(result.warnings))

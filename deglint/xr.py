@@ -7,8 +7,8 @@
 
     clean = scene.deglint.remove()  # or as an accessor; of a Dataset, too
 
-The same functions of a tile run as for files, on the array's own chunks with the halo that they ask for, so the numbers
-are those of `deglint remove` to the bit. Takes what rioxarray, odc-stac and stackstac give. Never here: files.
+The same functions of a tile run as for files, on the array's own chunks with a halo, so the numbers are those of
+`deglint remove` to the bit. Takes what rioxarray, odc-stac and stackstac give.
 """
 
 from __future__ import annotations
@@ -180,12 +180,11 @@ def remove(
     if isinstance(array, xarray.Dataset):
         return _by_variables(array, work)
     further = [d for d in array.dims if d not in axes(array)] if hasattr(array, "dims") else []
-    for d in further:
-        if array.sizes[d] > 1:
-            parts = [_entry(array.isel({d: [i]}), d, work) for i in range(array.sizes[d])]
-            out = array.copy(data=np.concatenate([part.data for part in parts], array.get_axis_num(d)))
-            out.encoding = parts[0].encoding
-            return out
+    if d := next((d for d in further if array.sizes[d] > 1), None):
+        parts = [_entry(array.isel({d: [i]}), d, work) for i in range(array.sizes[d])]
+        out = array.copy(data=np.concatenate([part.data for part in parts], array.get_axis_num(d)))
+        out.encoding = parts[0].encoding
+        return out
     return apply(array, fit(array, recipe, **given), dtype=dtype, **given)
 
 
@@ -204,9 +203,8 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
     deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
     if deep:
         return dataset.assign({n: work(dataset[n]) for n in deep})
-    stacked = stack(dataset)
-    clean = work(stacked)
-    return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in stacked.band.values.tolist()})
+    clean = work(stack(dataset))
+    return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in clean.band.values.tolist()})
 
 
 def stack(dataset: Any) -> Any:
@@ -267,8 +265,7 @@ def over_tiles(
     every = tiling.tiles(scene.height, scene.width, (block, block))
     threads = tiling.affordable(threads or default_threads(), (block, block), 3 * len(scene.bands))
     for tile, done in tiling.run(every, partial(work, scene), threads=threads, start=enter_thread):
-        (row0, row1), (col0, col1) = tile.window
-        out[:, row0:row1, col0:col1] = done
+        out[tile.within(Tile(0, scene.height, 0, scene.width))] = done
     return out
 
 

@@ -46,8 +46,6 @@ class FileName(click.Path):
 
 
 FILE = FileName()
-AREA = FileName("auto", "none")
-"""Option value that is a file or area, "auto" or "none"."""
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -162,5 +160,4 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
 
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster
-        held = cluster.memory().values()
-        log.info("%d workers, each held at most %.0f MB", len(held), max(held) / 1e6)
+        log.info("%d workers, each held at most %.0f MB", *cluster.numbers().values())

@@ -15,7 +15,6 @@ import click
 from .console import Console
 from .grouped import SETTINGS, Grouped
 from .options import (
-    AREA,
     FILE,
     AutoOr,
     FileName,
@@ -48,7 +47,7 @@ remove_options = with_options(
     click.option("--smallest-object", default="", metavar="WIDTH",
                  show_default="4m, or 16px where the size of a pixel is not known",
                  help="Width of the smallest target that compensation must keep, such as 4m or 16px."),
-    click.option("--mask", type=AREA, default="auto", metavar="auto|none|FILE|WINDOW",
+    click.option("--mask", type=FileName("auto", "none"), default="auto", metavar="auto|none|FILE|WINDOW",
                  help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON."),
     click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]",
                  show_default="all of shorter wavelength than the NIR",

@@ -27,11 +27,6 @@ TILES_AHEAD = 3
 WORKER_PATIENCE = 60.0
 """Time after which a tile that is not done asks whether there is a worker at all [s]."""
 _CONNECT = 15.0
-_NO_WORKER = f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some."
-_KILLED = (
-    "a tile has brought down several workers, most likely for want of memory. Give each worker more memory, or fewer "
-    "threads."
-)
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
@@ -45,9 +40,7 @@ class Cluster:
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
         progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
-        """Process every tile and yield (tile, result) in order, as `deglint.tiles.run` does.
-
-        Options for threads are ignored: the workers have their own threads, and each task enters GDAL's environment.
+        """Process every tile and yield (tile, result) in order, as `deglint.tiles.run` does on threads.
 
         Raises DeglintError: an error of the work itself, no workers left, or too little memory.
         """
@@ -81,11 +74,14 @@ class Cluster:
                 if future.done():  # just now; or the work itself has run out of time
                     return future.result()
                 if not self.client.nthreads():
-                    raise DeglintError(_NO_WORKER)
-        except DeglintError:
+                    raise DeglintError(f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some.")
+        except DeglintError:  # some are OSErrors, too
             raise
         except KilledWorker as error:
-            raise DeglintError(_KILLED) from error
+            raise DeglintError(
+                "a tile has brought down several workers, most likely for want of memory. Give each worker more "
+                "memory, or fewer threads."
+            ) from error
         except (FutureCancelledError, OSError) as error:
             raise DeglintError(_LOST) from error
 
@@ -134,8 +130,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         raise DeglintError(
             "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
         ) from error
-    # failures are raised as errors: dask's own lines, and tracebacks of what one line says, are silenced
-    for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):
+    for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):  # failures are raised as errors
         logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         place: Any = address

@@ -41,7 +41,7 @@ TRIAL_SIDE = 192
 """Side of these tiles [pixel]: a trial displaces glint by half a tile."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Corrected:
     """One corrected tile."""
 
@@ -124,8 +124,7 @@ class Correction:
 
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and convert it to the output's type."""
-        block = self._read(tile)
-        wanted = self.amount_bands if self.want_amount else self.changed
+        block, wanted = self._read(tile), self.amount_bands
         before = block.own[wanted] if self.want_flags or self.want_amount else None
         saturated = self._saturated(block.own)
         full = np.asarray(saturated.any(axis=0))
@@ -134,14 +133,13 @@ class Correction:
         tally = bits.counted(block, flags, saturated)
         error = self._stderr(block, physical) if self.want_stderr else None
         done = Corrected(self._encoded(block, physical, flags, tally), tally, self._file_valid(block), stderr=error)
-        if before is None:
-            return done
-        amount = np.subtract(before, physical[wanted], dtype=np.float32)
-        if self.want_flags:
-            classes = bits.glint_classes(amount[: len(self.changed)], np.array(self.noise), full, block.where)
+        if before is not None:
+            done.amount = np.subtract(before, physical[wanted], dtype=np.float32)
+        if done.amount is not None and self.want_flags:
+            classes = bits.glint_classes(done.amount[: len(self.changed)], np.array(self.noise), full, block.where)
             tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
-            done = replace(done, flags=np.stack([flags, classes]))
-        return replace(done, amount=amount) if self.want_amount else done
+            done.flags = np.stack([flags, classes])
+        return done
 
     def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
         """Read a tile and correct it; return physical values of all bands, and the mask of pixels to correct."""
@@ -345,13 +343,10 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 def _with_noise(work: Correction, threads: int) -> Correction:
     """The same correction, with the noise of the corrected bands: pixel noise and rounding in the file."""
-    scales, rounded = raster_of(work.scene).info.scales, np.dtype(work.layout.dtype).kind in "iu"
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
-    found = []
-    for b in work.changed:
-        step = scales[b] / 12**0.5 if rounded else 0.0
-        found.append(float(np.hypot(noise([np.nan_to_num(p[b]) for p in done], inside), step)))
-    return replace(work, noise=tuple(found))
+    steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
+    own = [noise([np.nan_to_num(p[b]) for p in done], inside) for b in work.changed]
+    return replace(work, noise=tuple(np.hypot(own, steps[work.changed] / 12**0.5).tolist()))
 
 
 def _tiles_of(scene: Scene) -> list[Tile]:

@@ -143,8 +143,8 @@ def _fit_overviews(
             f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
             f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
         )
-    request, notes = make_request(scene, recipe)
-    log_nir(notes)
+    request, of_nir = make_request(scene, recipe)
+    log_nir(of_nir)
     nir = request.indexes[0].bands[0]
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
@@ -161,7 +161,7 @@ def _fit_overviews(
     note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
-            fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), notes)
+            fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
         except (NoWaterError, FitError):
             # an overview of a part may have missed the water, or the deep of it: look at more
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
@@ -173,10 +173,10 @@ def _fit_overviews(
     raise AssertionError("unreachable: the last overview is of everything")
 
 
-def _fit(job: Job, notes: list[str]) -> Fitted:
-    """Fit a recipe to one overview of a scene; `notes` are those so far."""
+def _fit(job: Job, of_nir: str) -> Fitted:
+    """Fit a recipe to one overview of a scene; the note on the NIR is kept."""
     recipe, overview = job.recipe, job.overview
-    notes = [*notes, *log_water(overview.water, recipe.mask)]
+    notes = [of_nir, *log_water(overview.water, recipe.mask)]
     sampler = learning.sampler_of(job) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
@@ -211,11 +211,9 @@ def _fit(job: Job, notes: list[str]) -> Fitted:
     resolved = replace(
         recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
         regression=(regresses and model.regression) or "auto",
-        floor_percentile=0.0 if choice else recipe.floor_percentile,
     )  # fmt: skip
     bands = role_bands(overview.roles)
-    every = (*notes, *of_sample)
-    return Fitted(model, resolved, every, sampled[0], sampled[1], overview.water, bands, chain, choice)
+    return Fitted(model, resolved, (*notes, *of_sample), sampled[0], sampled[1], overview.water, bands, chain, choice)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
@@ -265,13 +263,13 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     recipe, threads = recipe or Recipe(), threads or default_threads()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
-    notes, out = list(scene.notes), _header(scene)
-    out["notes"] = notes
+    out = _header(scene)
+    notes: list[str] = out["notes"]
     budget = raster_of(scene).budget = Budget(limit("DEGLINT_INFO_SECONDS"), LOOK_READS)
     try:
         with environment():
-            request, said = make_request(scene, recipe)
-            notes += said
+            request, of_nir = make_request(scene, recipe)
+            notes.append(of_nir)
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
             overview = overview_of(scene, nir, threads, wanted=True)
@@ -325,4 +323,5 @@ def _header(scene: Scene) -> dict[str, Any]:
         "bands": [asdict(b) for b in scene.bands],
         **dict.fromkeys(unknown),
         "tried": [],
+        "notes": list(scene.notes),
     }

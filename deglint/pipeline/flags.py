@@ -152,7 +152,7 @@ def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | Non
         found["flags"] = targets.flags, Layout(own, (0, 1), "uint8", None, names=names, flags=FLAGS, **options)
 
     def values(what: str, kept: Any) -> Layout:
-        names = tuple(f"{what} {work.scene.bands[b].name}" for b in bands)
+        names = tuple(f"{what} {work.scene.names[b]}" for b in bands)
         return Layout(kept, bands, "float32", float("nan"), names=names, **options)
 
     if targets.amount:
@@ -178,11 +178,10 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     scene do not give the angles of sun and sensor.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
-    stated = {name: _angle(tags, *names, zenith="zenith" in name) for name, names in _ANGLE_TAGS.items()}
-    angles = {name: angle for name, angle in stated.items() if angle is not None}
+    angles: dict[str, Any] = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
     low, high = WAVELENGTH_RANGE
     known = {b.name: b.wavelength for b in scene.bands if b.wavelength and low <= b.wavelength <= high}
-    missing = [name for name, angle in stated.items() if angle is None]
+    missing = [name for name, angle in angles.items() if angle is None]
     missing += [] if known else [f"a wavelength of {low:g} to {high:g} nm"]
     if missing:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))

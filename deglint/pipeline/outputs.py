@@ -1,7 +1,4 @@
-"""Outputs of a run: their names, the result, the sidecar beside the image, and a log line for each decision.
-
-Level INFO has one short line for each decision, DEBUG the reasons. The sidecar has everything, as JSON.
-"""
+"""Outputs of a run: their names, the result, the sidecar, and a log line for each decision (DEBUG: the reasons)."""
 
 from __future__ import annotations
 
@@ -41,12 +38,7 @@ DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
 
 @dataclass(frozen=True)
 class Outputs:
-    """Names and options of the outputs.
-
-    `request`, the checksum of a batch's options, is stored in the sidecar with the properties of the outputs, so that
-    finished outputs are recognised. No output may replace `reads`, input files besides the scene and the files in the
-    recipe.
-    """
+    """Names and options of the outputs."""
 
     image: Path  # the deglinted raster; its sidecar is this with ".json" appended
     flags: Path | None = None  # flags and classes of sun glint
@@ -58,8 +50,8 @@ class Outputs:
     overwrite: bool = False  # replace what exists
     dtype: str | None = None  # of the image; the input's by default
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
-    request: str | None = None
-    reads: Sequence[str | Path] = ()
+    request: str | None = None  # checksum of a batch's options, by which finished outputs are recognised
+    reads: Sequence[str | Path] = ()  # input files besides those of scene and recipe, which no output may replace
 
     def __post_init__(self) -> None:
         for name in ("image", *BESIDE):
@@ -81,10 +73,7 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0.
-
-    `glint` counts the pixels of each class of sun glint.
-    """
+    """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0."""
 
     total: int = 0
     nodata: int = 0
@@ -96,7 +85,7 @@ class PixelCounts:
     negative: Any = 0
     clipped: Any = 0
     saturated: Any = 0
-    glint: Any = 0
+    glint: Any = 0  # of each class of sun glint
 
     def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
@@ -178,13 +167,12 @@ def log_scene(scene: Scene) -> None:
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
-def log_nir(notes: Sequence[str]) -> None:
+def log_nir(note: str) -> None:
     """Log which bands show the glint."""
-    for note in notes:
-        said, _, doubt = note.partition("; warning: ")
-        log.info("%s", said)
-        if doubt:
-            log.warning("%s", doubt)
+    said, _, doubt = note.partition("; warning: ")
+    log.info("%s", said)
+    if doubt:
+        log.warning("%s", doubt)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
@@ -192,13 +180,14 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
 
     Raises NoWaterError: there is none.
     """
-    if rule is not None:
-        if not rule.has_water:
-            raise NoWaterError(rule.reason)
-        log.info("water: %s", rule.reason)
-    elif mask != "auto":
-        log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
-    return [] if rule is None else [rule.reason]
+    if rule is None:
+        if mask != "auto":
+            log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
+        return []
+    if not rule.has_water:
+        raise NoWaterError(rule.reason)
+    log.info("water: %s", rule.reason)
+    return [rule.reason]
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
@@ -214,13 +203,12 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
     """Log which bands and pixels were changed."""
     pixels = said["pixels"]
     copied = [n for n in scene.names if n not in pixels["changed"]]
-    parts = [f"corrected: {', '.join(pixels['changed'])}"] if pixels["changed"] else []
-    parts += [f"copied: {', '.join(copied)}"] if copied else []
-    log.info("bands %s", "; ".join(parts))
+    kinds = {"corrected": pixels["changed"], "copied": copied}
+    log.info("bands %s", "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some))
     for warning in said["warnings"][len(fitted.model.warnings) :]:  # the model's were logged when it was fitted
         log.warning("%s", warning)
-    corrected, total, seconds = pixels["corrected"], pixels["total"], said["seconds"]
-    log.info("%s: %d of %d pixels corrected in %.2f s", said["output"], corrected, total, seconds)
+    counts = pixels["corrected"], pixels["total"], said["seconds"]
+    log.info("%s: %d of %d pixels corrected in %.2f s", said["output"], *counts)
 
 
 def sidecar(
@@ -241,11 +229,7 @@ def sidecar(
         **fitted.numbers,
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
-            "total": tally.total,
-            "nodata": tally.nodata,
-            "not_water": tally.not_water,
-            "corrected": tally.corrected,
-            "protected": tally.protected,
+            **{k: getattr(tally, k) for k in ("total", "nodata", "not_water", "corrected", "protected")},
             "changed": {name: n for name, n in by_band("changed").items() if n},
             "replaced": by_band("replaced"),
             "negative_after": by_band("negative"),
@@ -306,10 +290,8 @@ def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
 
 def saved(fitted: Fitted) -> str:
     """A fit as JSON text (what `--save-model` writes)."""
-    data = json.loads(fitted.model.to_json())
-    if fitted.chain.runs:
-        data["compensation"] = fitted.chain.numbers()
-    return json.dumps(data, indent=2)
+    compensation = {"compensation": fitted.chain.numbers()} if fitted.chain.runs else {}
+    return json.dumps(json.loads(fitted.model.to_json()) | compensation, indent=2)
 
 
 def load_model(path: str) -> GlintModel:

@@ -50,19 +50,17 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
     place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
     compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
     total = scene.height * scene.width
-    known = (scene.sensor or "").startswith(("sentinel2", "landsat"))  # products of reflectance
+    reflectance = (scene.sensor or "").startswith(("sentinel2", "landsat")) or all(
+        re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names
+    )
     for pixels in (OVERVIEW_PIXELS, 16 * OVERVIEW_PIXELS, total) if total > SMALL_PIXELS else (total,):
         last = pixels >= total
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
         if wanted and roles.visible and chosen:
-            rule = fit_water(
-                read_tiles(scene, chosen, role_bands(roles), threads),
-                compact,
-                pixel=pixel_size(scene),
-                whole=last and total <= MOST_OVERVIEW,
-                reflectance=known or all(re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names),
-            )
+            blocks = read_tiles(scene, chosen, role_bands(roles), threads)
+            whole = last and total <= MOST_OVERVIEW
+            rule = fit_water(blocks, compact, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
         yield Overview(tuple(chosen), roles, rule, last)

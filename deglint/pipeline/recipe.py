@@ -125,25 +125,23 @@ def band_names(value: Any, field: str) -> tuple[str, ...]:
         raise InputError(f"{field}: {error}") from None
 
 
-def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, list[str]]:
-    """Turn the recipe's bands into a request; also returns notes on them for the log."""
+def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
+    """Turn the recipe's bands into a request; also returns a note on them for the log."""
     wanted = list(recipe.nir) or None
-    nir, notes = find_nir(scene, wanted), [explain_nir(scene, wanted)]
+    nir, note = find_nir(scene, wanted), explain_nir(scene, wanted)
     use = "mean" if recipe.nir_use == "auto" else recipe.nir_use
     if recipe.nir_use == "auto" and not wanted and (sets := _nir_of_every_set(scene)):
         nir, use = sets, "set"
         names = " and ".join(scene.bands[b].name for b in nir)
-        notes = [f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"]
+        note = f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"
     correct = [find_band(scene, b) for b in recipe.bands] or None
     if correct and set(correct) <= set(nir):
         raise InputError("every band asked for is a NIR reference; name bands to correct with -b.")
-    request = nir_request(
-        scene.bands, nir, use=use, correct=correct,
-        floor_percentile=recipe.floor_percentile, rrs_factor=recipe.rrs_factor,
-    )  # fmt: skip
+    same = {"floor_percentile": recipe.floor_percentile, "rrs_factor": recipe.rrs_factor}
+    request = nir_request(scene.bands, nir, use=use, correct=correct, **same)
     if recipe.regression != "auto":
         request = replace(request, regression=recipe.regression)
-    return request, notes
+    return request, note
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:

@@ -197,7 +197,7 @@ def setting(job: Job) -> Setting:
     optics, psfs = optics_of(job.scene), None
     wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
     if len(wavelengths) == len(job.scene.bands):
-        known = {} if optics is None else {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
+        known = optics and {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
         psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
     return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or np.inf)
@@ -229,9 +229,8 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
         replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
         inner = offshore(tiles, background.size)
         return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
-    request = _of_kernels(job)
-    if chain.text != "remove":  # the posterior mean follows
-        request = replace(request, faint=True)
+    request = replace(_of_kernels(job), faint=chain.text != "remove")
+    if request.faint:  # the posterior mean follows
         request = replace(request, more=more_references(request, tiles))
     return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 

@@ -1,9 +1,8 @@
 """Fit a pointwise method to a sample, of which only as much is read as the standard error of the slopes needs.
 
-With a tolerance a fit reads squares of 192 pixels, spread evenly, a batch after the other, until in every band that
-will be corrected the relative standard error of the glint taken from it (`deglint.remove.glint_error`) is small enough,
-or there is no more to read. The squares and the end depend only on the scene's pixels, not on the file's blocks or on
-threads.
+With a tolerance, squares spread over the scene are read until in every band that will be corrected the relative
+standard error of the glint taken from it (`deglint.remove.glint_error`) is small enough, or there is no more to read.
+The squares and the end depend only on the scene's pixels, not on the file's blocks or on threads.
 """
 
 from __future__ import annotations
@@ -74,8 +73,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
             grows = READ_MARGIN * (worst / tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
             wanted = int(taken * min(max(grows, GROWTH[0]), GROWTH[1]))
     model = model or METHODS[method].fit(job.request, stats)
-    notes: list[str] = []
-    numbers = dict(sampler.numbers)
+    notes, numbers = list[str](), dict(sampler.numbers)
     if tolerance:
         whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
         numbers["tolerance"], note, doubts = _reached(tolerance, errors, cells, taken, whole)
@@ -136,12 +134,10 @@ def _reached(
         "pixels_skipped": whole - taken,
     }
     note = f"tolerance {tolerance:g} of the slopes: reached {worst:.2g} with {taken} of {whole} pixels read"
-    if met:
-        return numbers, note, []
     known = f"the slopes' error is {worst:.2g}"
     if cells < LEAST_CELLS:
         known = f"most of the sample's glint is in {cells:.0f} squares of 64 pixels, too few to know the error by"
-    return numbers, note, [f"the tolerance {tolerance:g} was not reached: {known}."]
+    return numbers, note, [] if met else [f"the tolerance {tolerance:g} was not reached: {known}."]
 
 
 def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) -> Place:
