@@ -89,13 +89,7 @@ class Background:
 
     @classmethod
     def from_json(cls, text: str) -> Background:
-        """Read what `to_json` wrote.
-
-        Raises
-        ------
-        InputError
-            The text is not a saved background, or is damaged.
-        """
+        """Read what `to_json` wrote; an InputError where it is something else, or damaged."""
         try:
             found = json.loads(text)
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
@@ -151,15 +145,10 @@ class Part:
 
 
 def fit(
-    image: Array,
-    *,
-    mask: Mask | None = None,
-    covariance: str = "empirical",
-    ridge: float = RIDGE,
-    names: Sequence[str] = (),
-    threads: int | None = None,
-) -> Background:
-    """Fit a background to an array.
+    image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
+    names: Sequence[str] = (), threads: int | None = None,
+) -> Background:  # fmt: skip
+    """Fit a background to an array, (band, row, column).
 
     Parameters
     ----------
@@ -176,23 +165,12 @@ def fit(
     threads : int, optional
         By default all processors, at most OMP_NUM_THREADS. The result does not depend on it.
 
-    Returns
-    -------
-    Background
-
     Raises
     ------
     FitError
         Fewer than two valid pixels.
     InputError
         Unknown covariance, or the shapes of image and mask differ.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
-    >>> fit(image).rank
-    3
     """
     image = as_image(image)
     mask = as_mask(mask, image)
@@ -202,8 +180,7 @@ def fit(
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
-        inside = None if mask is None else mask[rows]
-        return Part.of(image[:, rows], inside, (row, 0), share)
+        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
     with ThreadPoolExecutor(threads or default_threads()) as pool:
         parts = list(pool.map(part, range(0, image.shape[1], CELL)))
@@ -282,6 +259,5 @@ def as_mask(mask: Array | None, image: Array) -> Mask | None:
         return None
     mask = np.asarray(mask)
     if mask.shape != image.shape[1:]:
-        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1]} rows and "
-                         f"{image.shape[2]} columns.")  # fmt: skip
+        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1:]} rows and columns.")
     return mask.astype(np.bool_, copy=False)

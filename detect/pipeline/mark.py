@@ -15,15 +15,13 @@ from deglint.tiles import LONGEST_SIDE
 from .. import objects as marking
 from .. import sea
 from ..arrays import Array, Int64
-from ..objects import Move, Object, to_geojson
+from ..objects import Object, to_geojson
 from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
-from .chips import write_chips
-from .ground import distance_and_bearing, motions, to_wgs84
+from .features import described, motions, to_wgs84, write_chips, write_features
 from .plan import Plan, Progress
 from .recipe import Outputs
-from .vectors import write_features
 
 Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
@@ -33,8 +31,6 @@ CANDIDATES = 0.04
 """Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
 _UNKNOWN_PIERS = 3
 """Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
-_ROUND = 1.3
-"""Ratio of length to width below which an object has no bearing."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
@@ -156,32 +152,10 @@ class Marker:
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
-            feature["properties"] |= _described(*r, move) | motion
+            feature["properties"] |= described(*r, move) | motion
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, self._targets.objects, document, geographic=move is not None)
         if progress:
             progress("objects", 1, 1)
         return len(rated)
-
-
-def _described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
-    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
-    known = math.isfinite(rate)
-    numbers: dict[str, Any] = {
-        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
-        "probability": real if math.isfinite(real) else None, "kind": kind,
-    }  # fmt: skip
-    length, width, angle = rectangle(found.footprint)
-    bearing = None
-    if move is not None:
-        row, column = found.centroid
-        x, y = column + 0.5, row + 0.5
-        across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
-        centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
-        unit, direction = distance_and_bearing(centre, along)
-        numbers |= {"longitude": centre[0], "latitude": centre[1]}
-        length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
-        bearing = direction % 180 if length >= _ROUND * width else None
-        numbers |= {"length_m": length, "width_m": width}
-    return numbers | {"bearing": bearing}

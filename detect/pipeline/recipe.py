@@ -80,10 +80,9 @@ class Recipe:
     merge_distance: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, known in (
-            ("method", ("auto", *METHODS)), ("threshold", THRESHOLDS), ("side", ("auto", *SIDES)), ("border", BORDERS),
-        ):  # fmt: skip
-            check_choice(getattr(self, name), list(known), name)
+        known = {"method": ["auto", *METHODS], "threshold": THRESHOLDS, "side": ["auto", *SIDES], "border": BORDERS}
+        for name, values in known.items():
+            check_choice(getattr(self, name), list(values), name)
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")

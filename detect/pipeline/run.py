@@ -33,7 +33,7 @@ from .. import sea
 from ..background import Background
 from ..lines import LineScorer
 from ..threshold import Tail, Threshold
-from .ground import delayed_bands
+from .features import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
 from .plan import Plan, Progress, fitted, make_plan
 from .recipe import Outputs, Recipe

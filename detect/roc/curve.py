@@ -242,22 +242,7 @@ def auc_interval(roc: Roc) -> AucInterval:
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors on the same pixels.
-
-    Parameters
-    ----------
-    first, second : ndarray
-        Scores; a pixel counts where both are valid.
-    truth : ndarray of the same shape
-        A target where it is not 0.
-    valid : ndarray of bool, optional
-
-    Raises
-    ------
-    InputError
-        As `Roc.of`.
-    """
-    first, second, truth = np.asarray(first), np.asarray(second), np.asarray(truth)
+    """DeLong's paired test of two detectors on the pixels where the scores of both are valid; else as `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
@@ -300,7 +285,6 @@ def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
 
 
 def _check_pfa(pfa: float) -> None:
-    """Check a false-alarm rate."""
     if not 0 < pfa <= 1:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
 
