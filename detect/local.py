@@ -14,8 +14,6 @@ Reed, Yu (1990), doi:10.1109/29.60107, and for the dual window Kwon, Der, Nasrab
 using subspace separation for hyperspectral imagery", Optical Engineering 42, 3342-3351, doi:10.1117/1.1614265.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any

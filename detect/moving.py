@@ -6,8 +6,6 @@ each of the other bands. Detections are deviations from the water around them. W
 in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two detections.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,7 +43,7 @@ class Mover:
     contrast: float  # least peak over the bands [robust standard deviation]
 
 
-def contrast(band: Float32, water: Mask) -> Float32:
+def _contrast(band: Float32, water: Mask) -> Float32:
     """Deviation of every pixel from the water around [robust standard deviation]."""
     import cv2
 
@@ -63,28 +61,12 @@ def contrast(band: Float32, water: Mask) -> Float32:
 def find_moving(
     image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
 ) -> list[Mover]:
-    """Find boats that moved between the bands.
+    """Find boats that moved between the bands of an image, (band, row, column), that is registered to the ground.
 
-    Parameters
-    ----------
-    image : (band, row, column) array
-        Bands that are registered to the ground.
-    delays : sequence of float
-        Time at which each band is recorded [s].
-    pixel : float
-        Side of a pixel [m].
-    water : (row, column) array of bool, optional
-        Where to search; everywhere by default.
-
-    Returns
-    -------
-    list of Mover
-        The highest contrast first; empty where so many pixels are detected that motions are expected by chance.
-
-    Raises
-    ------
-    InputError
-        The image and delays do not fit, fewer than three bands have different times, or the pixel is not above 0 m.
+    `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], `water`, (row,
+    column), is where to search. The highest contrast comes first. Where so many pixels are detected that motions are
+    expected by chance, there are none. An InputError: image and delays do not fit, fewer than three times differ, or
+    the pixel is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -97,7 +79,7 @@ def find_moving(
     if not pixel > 0:
         raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
     sea = np.ones(bands.shape[1:], np.bool_) if water is None else np.asarray(water, np.bool_)
-    places = [_peaks(contrast(band, sea), sea) for band in bands]
+    places = [_peaks(_contrast(band, sea), sea) for band in bands]
     first, last = int(np.argmin(times)), int(np.argmax(times))
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for i, d in enumerate(density) if i not in (first, last)]

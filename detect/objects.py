@@ -3,8 +3,6 @@
 Arrays only. Pixels are counted from the array's upper left; outlines run along the edges of pixels.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -12,8 +12,6 @@ Engineering and Remote Sensing 64, 723-731.
 Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656502, doi:10.1117/12.718789.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

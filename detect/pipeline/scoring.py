@@ -1,10 +1,8 @@
 """Processing of one tile: read, mask, score, flag and count."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -46,7 +44,7 @@ class PixelCounts:
     deficient: int = 0
     too_few: int = 0
 
-    def add(self, other: PixelCounts) -> None:
+    def add(self, other: Self) -> None:
         """Add a tile's counts."""
         for name in vars(self):
             setattr(self, name, getattr(self, name) + getattr(other, name))

@@ -13,8 +13,6 @@ Efron, Tibshirani (1993), "An Introduction to the Bootstrap", doi:10.1007/978-1-
 Obuchowski (1997), "Nonparametric analysis of clustered ROC curve data", Biometrics 53, 567-578, doi:10.2307/2533958.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

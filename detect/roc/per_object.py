@@ -4,8 +4,6 @@ An object is found when one of its pixels is detected. Connected detected pixels
 every other connected part is one false alarm, whatever its size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

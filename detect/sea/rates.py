@@ -5,8 +5,6 @@ are confirmed, and excluded first. A generalised Pareto distribution is fitted t
 be distinguished from clutter. They are not confirmed and count as false alarms, so that the rate is not underestimated.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import suppress

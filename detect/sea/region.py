@@ -7,8 +7,6 @@ hole next to land counts as part of the land. A part with land at both ends coun
 front of turbid water.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Search for objects on the sea in an array: classify, fit, score, and list the objects as plain records."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
