@@ -149,8 +149,7 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     # a band that the reference explains to the last digit is left out, as a constant one would be
     whole = np.diag(covariance)[others]
     gone = np.diag(left) <= TOLERANCE * bands * whole
-    left[gone] = 0
-    left[:, gone] = 0
+    left[gone] = left[:, gone] = 0
     whiten = whitener(left)
     out = np.zeros((len(whiten), bands))
     out[:, others], out[:, reference] = whiten, -whiten @ slopes
@@ -174,15 +173,9 @@ METHODS = {
 
 @checked_keywords()
 def rx(
-    image: Array,
-    background: Background | Mask | None = None,
-    *,
-    mask: Mask | None = None,
-    nodata: float | None = None,
-    covariance: str = "empirical",
-    ridge: float = RIDGE,
-    threads: int | None = None,
-) -> Scores:
+    image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None, nodata: float | None = None,
+    covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None,
+) -> Scores:  # fmt: skip
     """Global RX (Reed and Yu 1990): squared Mahalanobis distance (x - mean)' C^-1 (x - mean) from the background.
 
     Parameters
@@ -253,11 +246,7 @@ def subspace_rx(
 
 @checked_keywords()
 def residual_rx(
-    image: Array,
-    background: Background | Mask | None = None,
-    *,
-    nir: Sequence[int],
-    mask: Mask | None = None,
+    image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
     """RX of what is left of each band after regression on reference bands; other parameters as `rx`.
 
