@@ -28,12 +28,9 @@ from .arrays import Array, Float64, Mask, Scores
 from .background import RIDGE, Background, as_image, as_mask, default_threads, fit
 from .covariance import TOLERANCE, whitener
 
-_CHUNK = 1024
-"""Minimum number of pixels that are scored at a time: their whitened values stay in the cache."""
-_PRODUCTS = 1 << 18
-"""Multiplications in one matrix product: OpenBLAS starts no threads for so few."""
-_STRIP_PIXELS = 1 << 19
-"""Number of pixels that a thread scores at a time."""
+_CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache
+_PRODUCTS = 1 << 18  # multiplications in one matrix product: OpenBLAS starts no threads for so few
+_STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Tolerated error of the mean, by the type of the scores [standard deviation]."""
 

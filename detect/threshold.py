@@ -28,12 +28,10 @@ THRESHOLDS = ("gpd", "empirical", "f", "chi2")
 KEEP = 1 << 18
 """Default number of highest scores that a `Tail` keeps."""
 _LEAST_EXCEEDANCES = 50
-_TAIL = 0.01
-"""Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
+_TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or few scores, ask for it
 _ENOUGH = 10
 """Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
-_POOR_FIT = 0.05
-"""Kolmogorov distance from which a fitted tail is called poor."""
+_POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 
 
 @dataclass(frozen=True, eq=False)

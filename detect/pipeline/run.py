@@ -50,8 +50,7 @@ FILES = ("flags", "objects", "background", "chips")
 """Keywords of `score_file` that name output files."""
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
-_MOST_BANDS = 32
-"""Maximum number of bands for which the sidecar contains the covariance."""
+_MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
 _FEW_PIXELS = 10
 """Pixels per band below which the error of the estimated covariance raises the scores noticeably."""
 

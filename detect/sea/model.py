@@ -47,8 +47,7 @@ _FLOOR = 0.1
 """Smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches."""
 _FAR = 1e4
 """Values are clipped to this many robust standard deviations: float32 sums over a window stay precise."""
-_RARE = 1e-3
-"""Fraction of water above the upper quantile that normalises the scales."""
+_RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
 _CLASSES = 32
 """Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
 _USUAL = 0.75

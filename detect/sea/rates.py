@@ -32,10 +32,8 @@ is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6
 """Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: that of a disc of 4 m, the smallest
 object that glint removal keeps. Residual glint is smaller."""
-_LEAST = 50
-"""Minimum number of peaks for a fit."""
-_MOST_RATE = 1e6
-"""False objects per km2 that are reported for scores in the bulk of the water."""
+_LEAST = 50  # minimum number of peaks for a fit
+_MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bulk of the water
 
 
 @dataclass(frozen=True, eq=False)

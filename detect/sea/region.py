@@ -42,8 +42,7 @@ sides. Bends and mixed pixels lower the fraction at the ends. Land at a side is 
 sides find the same ships in six real ports."""
 _DIRECTIONS = 12
 """Number of directions in the search for ships alongside: 7.5 degrees are within the tolerance of a hull of 8 to 1."""
-_HULL_BLUR = 1.5
-"""Width that the point spread function adds to a hull [pixel]."""
+_HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 
 @dataclass(frozen=True)
