@@ -7,7 +7,6 @@ be saved; `detect.rx` computes scores with it. No file is opened here.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from deglint import tiles
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
+from deglint.tiles import default_threads
 
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
@@ -163,7 +162,7 @@ def fit(
     names : sequence of str
         Band names to store in the background.
     threads : int, optional
-        By default all processors, at most OMP_NUM_THREADS. The result does not depend on it.
+        By default all processors. The result does not depend on it.
 
     Raises
     ------
@@ -235,12 +234,6 @@ def check_rule(covariance: str, ridge: float) -> None:
     check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
-
-
-def default_threads() -> int:
-    """Number of threads for an array in memory: all processors, at most OMP_NUM_THREADS, as for matrix products."""
-    limit, processors = os.environ.get("OMP_NUM_THREADS", ""), tiles.default_threads()
-    return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
 
 
 def as_image(image: Array) -> Array:

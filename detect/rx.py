@@ -23,9 +23,10 @@ import numpy as np
 
 from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
+from deglint.tiles import default_threads
 
 from .arrays import Array, Float64, Mask, Scores
-from .background import RIDGE, Background, as_image, as_mask, default_threads, fit
+from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache

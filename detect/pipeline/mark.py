@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
-from deglint.tiles import LONGEST_SIDE
+from deglint.tiles import LONGEST_SIDE, tiles
 
 from .. import objects as marking
 from .. import sea
@@ -20,7 +19,7 @@ from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .features import described, motions, to_wgs84, write_chips, write_features
-from .plan import Plan, Progress
+from .plan import Plan
 from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]
@@ -88,15 +87,13 @@ class Marker:
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
         found = []
-        dataset = self._scores
-        for top in range(0, dataset.height, LONGEST_SIDE):
-            window = Window(0, top, dataset.width, min(LONGEST_SIDE, dataset.height - top))
-            scores = dataset.read(1, window=window)
+        width = self._scores.width
+        for tile in tiles(self._scores.height, width, (LONGEST_SIDE, width)):
+            scores = self._scores.read(1, window=tile.window)
             with np.errstate(over="ignore"):
                 rows, columns = np.nonzero(scores > value)
-            found.append((rows + top, columns, scores[rows, columns]))
-        rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        width = dataset.width
+            found.append((rows + tile.row0, columns, scores[rows, columns]))
+        rows, columns, scores = joined(found)
         apart = np.ones(len(rows), np.bool_)
         for row, column, _scores in without:
             apart &= ~np.isin(rows * width + columns, row * width + column)
@@ -139,12 +136,10 @@ class Marker:
             rated.sort(key=lambda r: (r[2], -r[0].score_top))
         return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
-    def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
+    def write(self, threshold: Threshold, scratch: Scratch) -> int | None:
         """Write the objects above a threshold; return their number, or None where no objects are requested."""
         if self._targets.objects is None:
             return None
-        if progress:
-            progress("objects", 0, 1)
         rated = self.objects(threshold)
         found, scene = [o for o, *_ in rated], self._plan.scene
         chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
@@ -156,6 +151,4 @@ class Marker:
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, self._targets.objects, document, geographic=move is not None)
-        if progress:
-            progress("objects", 1, 1)
         return len(rated)

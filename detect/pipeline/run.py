@@ -174,7 +174,7 @@ def _run(
             with open_dataset(str(scratch.file(targets.image))) as scores:
                 marker = Marker(plan, targets, scores, tail, beside)
                 threshold = marker.threshold()
-                found = marker.write(threshold, scratch, progress)
+                found = marker.write(threshold, scratch)
             log.info("%s", threshold)
         if targets.background and plan.background:
             write_text(scratch, targets.background, replace(plan.background, names=plan.names).to_json() + "\n")
