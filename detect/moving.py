@@ -110,16 +110,11 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
         step = (end[:2] - start[:2]) / span
         if math.hypot(*(step * span)) > reach:
             continue
-        track, peaks = [], []
-        for spots, time in zip(places, times, strict=True):
-            away = np.hypot(*(spots[:, :2] - (start[:2] + step * (time - times[first]))).T)
-            nearest = int(np.argmin(away))
-            if away[nearest] > _NEAR:
-                break
-            track.append(spots[nearest, :2])
-            peaks.append(spots[nearest, 2])
-        else:
-            movers.append(_fitted(np.array(track), times, pixel, min(peaks)))
+        expected = start[:2] + np.outer(times - times[first], step)
+        away = [np.hypot(*(spots[:, :2] - place).T) for spots, place in zip(places, expected, strict=True)]
+        if max(a.min() for a in away) <= _NEAR:
+            track = np.array([spots[a.argmin()] for spots, a in zip(places, away, strict=True)])
+            movers.append(_fitted(track[:, :2], times, pixel, track[:, 2].min()))
     best = min(movers, key=lambda m: m.error, default=None)
     if best is None or best.speed > FASTEST or best.speed * span / pixel < max(_SLOWEST, 3 * best.error):
         return None

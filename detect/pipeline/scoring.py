@@ -134,10 +134,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
     """Counts of the pixels of a tile: scored, masked out, not valid, and by state of local RX."""
-    tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-    tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
-    if states is not None:
-        tally.deficient = int(np.count_nonzero(states == DEFICIENT))
-        tally.too_few = int(np.count_nonzero(states == TOO_FEW))
-    tally.not_valid = tally.total - tally.masked_out - tally.scored - tally.too_few
-    return tally
+    scored = int(np.count_nonzero(np.isfinite(scores)))
+    outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
+    deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))
+    return PixelCounts(scores.size, outside, scores.size - outside - scored - too_few, scored, deficient, too_few)
