@@ -15,7 +15,6 @@ from .. import objects as marking
 from .. import sea
 from ..arrays import Array, Int64
 from ..objects import Object, to_geojson
-from ..sea.rates import LOW
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .features import described, motions, to_wgs84, write_chips, write_features
@@ -27,7 +26,7 @@ Places = tuple[Int64, Int64, Array]
 Rated = tuple[Object, str, float, float]
 """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 CANDIDATES = 0.04
-"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
+"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.LOW`."""
 _UNKNOWN_PIERS = 3
 """Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
 
@@ -81,7 +80,7 @@ class Marker:
         """Clutter: scores of the candidates that are not confirmed as objects."""
         model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
         assert model is not None
-        found = marking.find_among(*self._above(LOW * model.q90, self._beside))
+        found = marking.find_among(*self._above(sea.LOW * model.q90, self._beside))
         return sea.clutter_of(self._tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
@@ -106,7 +105,7 @@ class Marker:
             found = marking.find_among(*self._above(threshold.value), **self._options)
             return [(o, "anomaly", math.nan, math.nan) for o in found]
         clutter, share = self._clutter, self._strata
-        low = min(LOW * model.q90, threshold.value)
+        low = min(sea.LOW * model.q90, threshold.value)
         pixels = self._above(low, self._beside, self._attached)
         afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"
