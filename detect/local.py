@@ -164,7 +164,15 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
     if not inside.any():
         return scores, states
     if len(block) <= SUMS_BANDS:
-        _by_sums(_padded(block, good, held, cell, rule), rule, inside, scores, states)
+        from ._local_kernel import distances, ring_moments
+
+        x = _padded(block, good, held, cell, rule)
+        sums = np.empty((len(x) * (len(x) + 1) // 2, *scores.shape))
+        ring_moments(x, rule.inner, (rule.outer - rule.inner) // 2, sums)
+        own = x[1:, rule.halo : -rule.halo, rule.halo : -rule.halo].reshape(len(block), -1)
+        found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
+        distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
+        scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
         if rule.border == "shift":
             rows, columns = (np.arange(*ends) for ends in cell.window)
             near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
@@ -175,19 +183,6 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
         place = int(r) + cell.row0, int(c) + cell.col0
         scores[r, c], states[r, c] = _direct(block, good, held, place, rule)
     return scores, states
-
-
-def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
-    """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
-    from ._local_kernel import distances, ring_moments
-
-    bands, halo = len(x) - 1, rule.halo
-    sums = np.empty(((bands + 1) * (bands + 2) // 2, *scores.shape))
-    ring_moments(x, rule.inner, (rule.outer - rule.inner) // 2, sums)
-    own = x[1:, halo:-halo, halo:-halo].reshape(bands, -1)
-    found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
-    distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
-    scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:

@@ -241,7 +241,10 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     shape, scale = fit_pareto(excess)
     value = u + _excess_at(k / tail.n / pfa, shape, scale)
     error = _standard_error(tail.n, k, pfa, shape, scale)
-    distance = _kolmogorov(excess, shape, scale)
+    y = excess / scale
+    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
+    away = 1 - survival - np.arange(k) / k
+    distance = float(max(np.abs(away).max(), np.abs(away - 1 / k).max()))  # of Kolmogorov
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
@@ -309,14 +312,6 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
         - 2 * by_scale * by_shape * scale * (1 + shape) / k
     )
     return math.sqrt(max(variance, 0.0))
-
-
-def _kolmogorov(excess: Float64, shape: float, scale: float) -> float:
-    """Largest distance between the distributions of scores and of the law; `excess` ascends."""
-    y, k = excess / scale, len(excess)
-    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
-    away = 1 - survival - np.arange(k) / k
-    return float(max(np.abs(away).max(), np.abs(away - 1 / k).max()))
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:

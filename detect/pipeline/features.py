@@ -197,7 +197,8 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     srs = 4326 if geographic else -1
     drawn = [feature["geometry"] for feature in document["features"]]
     shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
-    boxes = [_box(polygons) for polygons in shapes]
+    corners = [np.array([point[:2] for polygon in polygons for point in polygon[0]]) for polygons in shapes]
+    boxes = [(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()) for places in corners]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(place) as db:
         db.executescript(sql)
@@ -218,12 +219,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     db.close()
 
 
-def _box(polygons: list[Any]) -> tuple[float, float, float, float]:
-    xs, ys = zip(*(point[:2] for polygon in polygons for point in polygon[0]), strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
-
-
-def _binary(polygons: list[Any], srs: int, box: tuple[float, float, float, float]) -> bytes:
+def _binary(polygons: list[Any], srs: int, box: tuple[float, ...]) -> bytes:
     """GeoPackage header with an envelope, and the geometry as well-known binary of a multi-polygon."""
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
     out = [head, struct.pack("<BII", 1, 6, len(polygons))]

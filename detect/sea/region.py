@@ -79,13 +79,6 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
 
     The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
     neither water nor land.
-
-    Examples
-    --------
-    >>> water = np.ones((9, 9), bool)
-    >>> water[4, 3:6] = False
-    >>> int((region(water, SeaRule(10.0)) == AFLOAT).sum())
-    3
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid
