@@ -24,8 +24,7 @@ from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
 """Estimators of the covariance: see `detect.covariance`."""
-RIDGE = 1e-3
-"""Default share of each band's variance that `ridge` adds."""
+RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
 ROBUST_SAMPLE = 1 << 17
 """Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
 

@@ -15,8 +15,7 @@ from deglint.errors import InputError
 from .arrays import Float32, Float64
 from .covariance import ridged, whitener
 
-LINES = 64
-"""Default time constant of the statistics [line]."""
+LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4
 """Pixels per band that the statistics need before a line is scored."""
 _OUT = 5.0

@@ -32,8 +32,7 @@ CELL = 256
 """Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
 BORDERS = ("shrink", "mirror", "shift")
 """Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
-SUMS_BANDS = 24
-"""Maximum number of bands for which sums over windows are faster than rings computed one by one."""
+SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",

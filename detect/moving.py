@@ -17,8 +17,7 @@ from deglint.errors import InputError
 
 from .arrays import Float32, Float64, Mask
 
-FASTEST = 20.0
-"""Maximum speed of a boat [m/s]."""
+FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window of water that contrast is taken from [pixel]
 _SIGMA = 6.0
 """Contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one."""

@@ -25,8 +25,7 @@ from .arrays import Array, Float64
 
 THRESHOLDS = ("gpd", "empirical", "f", "chi2")
 """Methods that determine the threshold for --pfa: the tail fitted to the scores, their quantile, F, and chi-squared."""
-KEEP = 1 << 18
-"""Default number of highest scores that a `Tail` keeps."""
+KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50
 _TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or few scores, ask for it
 _ENOUGH = 10

@@ -29,8 +29,7 @@ _EARTH = 6_371_008.8  # mean radius of the Earth [m]
 _SEARCH_MARGIN = 40
 """Margin around an object in the search for its motion [pixel]: its contrast is relative to this water."""
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
-CHIP_SIDE = 64
-"""Minimum side of a chip [pixel of the scene]."""
+CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
 _CHIP_MARGIN = 12  # margin around an object [pixel of the scene]
 _SIZE = 192  # minimum side of a panel [pixel of the picture]
 _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel of the picture]

@@ -14,10 +14,8 @@ from ..sea import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
-SUFFIXES = (".geojson", ".json", ".gpkg")
-"""Files that objects can be written to."""
-WINDOW = (5, 21)
-"""Default guard and window of local RX [pixel]."""
+SUFFIXES = (".geojson", ".json", ".gpkg")  # files that objects can be written to
+WINDOW = (5, 21)  # default guard and window of local RX [pixel]
 
 
 @dataclass(frozen=True)

@@ -46,13 +46,11 @@ log = logging.getLogger(__name__)
 
 READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
 """Keywords of `score_file` that go to `deglint.open_scene`."""
-FILES = ("flags", "objects", "background", "chips")
-"""Keywords of `score_file` that name output files."""
+FILES = ("flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
 _MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
-_FEW_PIXELS = 10
-"""Pixels per band below which the error of the estimated covariance raises the scores noticeably."""
+_FEW_PIXELS = 10  # pixels per band below which the error of the estimated covariance raises the scores noticeably
 
 
 @dataclass(frozen=True)

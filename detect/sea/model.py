@@ -41,12 +41,9 @@ _ROUNDS = 3
 """Number of times that the statistics are computed."""
 _CUT = 6.0
 """A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
-_PRIOR = 30.0
-"""Weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water."""
-_FLOOR = 0.1
-"""Smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches."""
-_FAR = 1e4
-"""Values are clipped to this many robust standard deviations: float32 sums over a window stay precise."""
+_PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
+_FLOOR = 0.1  # smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches
+_FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
 _RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
 _CLASSES = 32
 """Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""

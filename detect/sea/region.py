@@ -23,8 +23,7 @@ NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 """Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
 ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
 to land: clutter, not objects."""
-LARGEST = (400.0, 60.0)
-"""Length and width of the largest ships [m]."""
+LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
 MOST = 128
 """Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
 tiles small."""

@@ -23,8 +23,7 @@ from ..threshold import Tail, Threshold, fit_pareto, from_tail
 from .model import SeaModel, fit, score
 from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
 
-LOW = 1.5
-"""Candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea."""
+LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
 _CONFIRMED = (9.0, 3.0)
 """A confirmed object has a peak above this multiple of the 90 % quantile of water. First value: coarse pixels, where
 wakes and clouds reach half of it. Second value: pixels smaller than a boat."""
