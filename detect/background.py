@@ -7,7 +7,6 @@ be saved; `detect.rx` computes scores with it. No file is opened here.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,18 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from deglint import tiles
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
 from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
+from deglint.tiles import default_threads
 
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
 """Estimators of the covariance: see `detect.covariance`."""
-RIDGE = 1e-3
-"""Default share of each band's variance that `ridge` adds."""
+RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
 ROBUST_SAMPLE = 1 << 17
 """Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
 
@@ -89,13 +87,7 @@ class Background:
 
     @classmethod
     def from_json(cls, text: str) -> Background:
-        """Read what `to_json` wrote.
-
-        Raises
-        ------
-        InputError
-            The text is not a saved background, or is damaged.
-        """
+        """Read what `to_json` wrote; an InputError where it is something else, or damaged."""
         try:
             found = json.loads(text)
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
@@ -151,15 +143,10 @@ class Part:
 
 
 def fit(
-    image: Array,
-    *,
-    mask: Mask | None = None,
-    covariance: str = "empirical",
-    ridge: float = RIDGE,
-    names: Sequence[str] = (),
-    threads: int | None = None,
-) -> Background:
-    """Fit a background to an array.
+    image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
+    names: Sequence[str] = (), threads: int | None = None,
+) -> Background:  # fmt: skip
+    """Fit a background to an array, (band, row, column).
 
     Parameters
     ----------
@@ -174,11 +161,7 @@ def fit(
     names : sequence of str
         Band names to store in the background.
     threads : int, optional
-        By default all processors, at most OMP_NUM_THREADS. The result does not depend on it.
-
-    Returns
-    -------
-    Background
+        By default all processors. The result does not depend on it.
 
     Raises
     ------
@@ -186,13 +169,6 @@ def fit(
         Fewer than two valid pixels.
     InputError
         Unknown covariance, or the shapes of image and mask differ.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
-    >>> fit(image).rank
-    3
     """
     image = as_image(image)
     mask = as_mask(mask, image)
@@ -202,8 +178,7 @@ def fit(
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
-        inside = None if mask is None else mask[rows]
-        return Part.of(image[:, rows], inside, (row, 0), share)
+        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
     with ThreadPoolExecutor(threads or default_threads()) as pool:
         parts = list(pool.map(part, range(0, image.shape[1], CELL)))
@@ -260,12 +235,6 @@ def check_rule(covariance: str, ridge: float) -> None:
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
-def default_threads() -> int:
-    """Number of threads for an array in memory: all processors, at most OMP_NUM_THREADS, as for matrix products."""
-    limit, processors = os.environ.get("OMP_NUM_THREADS", ""), tiles.default_threads()
-    return max(min(processors, int(limit)), 1) if limit.isdecimal() else processors
-
-
 def as_image(image: Array) -> Array:
     """Convert to an array, and check that it is (band, row, column) of real numbers; else raise an InputError."""
     image = np.asarray(image)
@@ -282,6 +251,5 @@ def as_mask(mask: Array | None, image: Array) -> Mask | None:
         return None
     mask = np.asarray(mask)
     if mask.shape != image.shape[1:]:
-        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1]} rows and "
-                         f"{image.shape[2]} columns.")  # fmt: skip
+        raise InputError(f"the mask has shape {mask.shape}, but the image has {image.shape[1:]} rows and columns.")
     return mask.astype(np.bool_, copy=False)

@@ -21,10 +21,8 @@ from .arrays import Array, Float64
 
 TOLERANCE = 10 * np.finfo(np.float64).eps
 """Relative rounding error: eigenvalues below this, times the number of bands, times the largest, count as 0."""
-_STEPS = 100
-"""Maximum number of concentration steps; a dozen are usual."""
-_TRIM = 0.975
-"""Fraction of a normal background that the last, reweighted step of the robust estimate keeps."""
+_STEPS = 100  # maximum number of concentration steps; a dozen are usual
+_TRIM = 0.975  # fraction of a normal background that the last, reweighted step of the robust estimate keeps
 
 
 def standardised(covariance: Float64) -> tuple[Float64, Float64]:

@@ -4,8 +4,6 @@ Mean and covariance are exponential averages over the previous lines. A line is 
 averages without its pixels of high scores, so that a target is not part of its own background.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -17,8 +15,7 @@ from deglint.errors import InputError
 from .arrays import Float32, Float64
 from .covariance import ridged, whitener
 
-LINES = 64
-"""Default time constant of the statistics [line]."""
+LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4
 """Pixels per band that the statistics need before a line is scored."""
 _OUT = 5.0
@@ -36,11 +33,6 @@ class LineScorer:
     lines : int
         Lines that the statistics remember (time constant of the exponential average).
 
-    Attributes
-    ----------
-    n : int
-        Lines scored.
-
     Examples
     --------
     >>> scorer = LineScorer()
@@ -54,7 +46,6 @@ class LineScorer:
     def __init__(self, lines: int = LINES) -> None:
         if lines < 1:
             raise InputError(f"lines: allowed is 1 or more, got {lines}.")
-        self.n = 0
         self._keep = 1 - 1 / lines
         self._weight = 0.0
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
@@ -78,13 +69,12 @@ class LineScorer:
             The number of bands changes.
         """
         values = np.asarray(line, np.float64)
-        if values.ndim != 2 or (self.n and len(values) != len(self._mean)):
+        if values.ndim != 2 or len(self._mean) not in (0, len(values)):
             raise InputError(f"line must be (band, column), always of the same bands, got shape {values.shape}.")
-        if not self.n:
+        if not len(self._mean):
             self._mean, self._second = np.zeros(len(values)), np.zeros((len(values), len(values)))
         valid = np.isfinite(values).all(axis=0)
         out = np.full(values.shape[1], np.nan, np.float32)
-        self.n += 1
         taken = values if valid.all() else values[:, valid]
         if self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
@@ -94,14 +84,13 @@ class LineScorer:
             inside = found <= _OUT * len(values)
             if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed
                 taken = taken[:, inside]
-        self._learn(taken)
+        if taken.size:
+            self._learn(taken)
         return out
 
     def _learn(self, taken: Float64) -> None:
         """Add pixels, (band, pixel), to the averages."""
         count = taken.shape[1]
-        if not count:
-            return
         centre = taken.mean(axis=1)
         away = taken - centre[:, None]
         second = away @ away.T / count

@@ -14,8 +14,6 @@ Reed, Yu (1990), doi:10.1109/29.60107, and for the dual window Kwon, Der, Nasrab
 using subspace separation for hyperspectral imagery", Optical Engineering 42, 3342-3351, doi:10.1117/1.1614265.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -34,8 +32,7 @@ CELL = 256
 """Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
 BORDERS = ("shrink", "mirror", "shift")
 """Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
-SUMS_BANDS = 24
-"""Maximum number of bands for which sums over windows are faster than rings computed one by one."""
+SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
@@ -166,7 +163,15 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
     if not inside.any():
         return scores, states
     if len(block) <= SUMS_BANDS:
-        _by_sums(_padded(block, good, held, cell, rule), rule, inside, scores, states)
+        from ._local_kernel import distances, ring_moments
+
+        x = _padded(block, good, held, cell, rule)
+        sums = np.empty((len(x) * (len(x) + 1) // 2, *scores.shape))
+        ring_moments(x, rule.inner, (rule.outer - rule.inner) // 2, sums)
+        own = x[1:, rule.halo : -rule.halo, rule.halo : -rule.halo].reshape(len(block), -1)
+        found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
+        distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
+        scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
         if rule.border == "shift":
             rows, columns = (np.arange(*ends) for ends in cell.window)
             near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
@@ -177,19 +182,6 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
         place = int(r) + cell.row0, int(c) + cell.col0
         scores[r, c], states[r, c] = _direct(block, good, held, place, rule)
     return scores, states
-
-
-def _by_sums(x: Float64, rule: WindowRule, inside: Mask, scores: Float64, states: Uint8) -> None:
-    """Fill the scores of a cell from sums over its rings; x comes from `_padded`."""
-    from ._local_kernel import distances, ring_moments
-
-    bands, halo = len(x) - 1, rule.halo
-    sums = np.empty(((bands + 1) * (bands + 2) // 2, *scores.shape))
-    ring_moments(x, rule.inner, (rule.outer - rule.inner) // 2, sums)
-    own = x[1:, halo:-halo, halo:-halo].reshape(bands, -1)
-    found, how = np.empty(scores.size), np.empty(scores.size, np.uint8)
-    distances(sums.reshape(len(sums), -1), own, rule.ddof, rule.ridge, found, how)
-    scores[inside], states[inside] = found.reshape(scores.shape)[inside], how.reshape(scores.shape)[inside]
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:

@@ -6,8 +6,6 @@ each of the other bands. Detections are deviations from the water around them. W
 in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two detections.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,16 +17,13 @@ from deglint.errors import InputError
 
 from .arrays import Float32, Float64, Mask
 
-FASTEST = 20.0
-"""Maximum speed of a boat [m/s]."""
-_WATER_WINDOW = 31
-"""Side of the window of water that contrast is taken from [pixel]."""
+FASTEST = 20.0  # maximum speed of a boat [m/s]
+_WATER_WINDOW = 31  # side of the window of water that contrast is taken from [pixel]
 _SIGMA = 6.0
 """Contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one."""
 _CHANCE = 0.05
 """Maximum expected number of motions by chance in an image: some of many wave crests fit a uniform motion."""
-_NEAR = 1.0
-"""Maximum distance of a detection from a uniform motion [pixel]."""
+_NEAR = 1.0  # maximum distance of a detection from a uniform motion [pixel]
 _SLOWEST = 0.25
 """Minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured."""
 
@@ -45,7 +40,7 @@ class Mover:
     contrast: float  # least peak over the bands [robust standard deviation]
 
 
-def contrast(band: Float32, water: Mask) -> Float32:
+def _contrast(band: Float32, water: Mask) -> Float32:
     """Deviation of every pixel from the water around [robust standard deviation]."""
     import cv2
 
@@ -63,28 +58,12 @@ def contrast(band: Float32, water: Mask) -> Float32:
 def find_moving(
     image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
 ) -> list[Mover]:
-    """Find boats that moved between the bands.
+    """Find boats that moved between the bands of an image, (band, row, column), that is registered to the ground.
 
-    Parameters
-    ----------
-    image : (band, row, column) array
-        Bands that are registered to the ground.
-    delays : sequence of float
-        Time at which each band is recorded [s].
-    pixel : float
-        Side of a pixel [m].
-    water : (row, column) array of bool, optional
-        Where to search; everywhere by default.
-
-    Returns
-    -------
-    list of Mover
-        The highest contrast first; empty where so many pixels are detected that motions are expected by chance.
-
-    Raises
-    ------
-    InputError
-        The image and delays do not fit, fewer than three bands have different times, or the pixel is not above 0 m.
+    `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], `water`, (row,
+    column), is where to search. The highest contrast comes first. Where so many pixels are detected that motions are
+    expected by chance, there are none. An InputError: image and delays do not fit, fewer than three times differ, or
+    the pixel is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -97,7 +76,7 @@ def find_moving(
     if not pixel > 0:
         raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
     sea = np.ones(bands.shape[1:], np.bool_) if water is None else np.asarray(water, np.bool_)
-    places = [_peaks(contrast(band, sea), sea) for band in bands]
+    places = [_peaks(_contrast(band, sea), sea) for band in bands]
     first, last = int(np.argmin(times)), int(np.argmax(times))
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]
     meets = [min(math.pi * _NEAR**2 * d, 1.0) for i, d in enumerate(density) if i not in (first, last)]
@@ -130,16 +109,11 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
         step = (end[:2] - start[:2]) / span
         if math.hypot(*(step * span)) > reach:
             continue
-        track, peaks = [], []
-        for spots, time in zip(places, times, strict=True):
-            away = np.hypot(*(spots[:, :2] - (start[:2] + step * (time - times[first]))).T)
-            nearest = int(np.argmin(away))
-            if away[nearest] > _NEAR:
-                break
-            track.append(spots[nearest, :2])
-            peaks.append(spots[nearest, 2])
-        else:
-            movers.append(_fitted(np.array(track), times, pixel, min(peaks)))
+        expected = start[:2] + np.outer(times - times[first], step)
+        away = [np.hypot(*(spots[:, :2] - place).T) for spots, place in zip(places, expected, strict=True)]
+        if max(a.min() for a in away) <= _NEAR:
+            track = np.array([spots[a.argmin()] for spots, a in zip(places, away, strict=True)])
+            movers.append(_fitted(track[:, :2], times, pixel, track[:, 2].min()))
     best = min(movers, key=lambda m: m.error, default=None)
     if best is None or best.speed > FASTEST or best.speed * span / pixel < max(_SLOWEST, 3 * best.error):
         return None

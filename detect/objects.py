@@ -3,10 +3,7 @@
 Arrays only. Pixels are counted from the array's upper left; outlines run along the edges of pixels.
 """
 
-from __future__ import annotations
-
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -71,40 +68,24 @@ class Object:
         Rings are closed and never touch themselves; parts that touch at a corner only are polygons of their own. The
         first corner is (0, 0) where the array begins: a pixel (row, column) covers column to column + 1.
         """
-        from rasterio.errors import NotGeoreferencedWarning
         from rasterio.features import shapes
         from rasterio.transform import Affine
 
         (top, _bottom), (left, _right) = self.bounds
         place = Affine.translation(left, top)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            found = shapes(self.footprint.astype(np.uint8), mask=self.footprint, connectivity=4, transform=place)
-            return tuple(tuple(map(tuple, polygon["coordinates"])) for polygon, _ in found)
+        found = shapes(self.footprint.astype(np.uint8), mask=self.footprint, connectivity=4, transform=place)
+        return tuple(tuple(map(tuple, polygon["coordinates"])) for polygon, _ in found)
 
 
 def find(
     mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
 ) -> list[Object]:  # fmt: skip
-    """Objects of a detection mask, the highest score first: pixels that touch, also at a corner, are one object.
+    """Objects of a detection mask, (row, column), the highest score first. Pixels that touch are one object.
 
-    Parameters
-    ----------
-    mask : (row, column) ndarray of bool
-        Detected pixels; where the score is NaN it does not count.
-    scores : (row, column) ndarray
-    min_size : int
-        Objects of fewer pixels are dropped, after merging.
-    merge_distance : float
-        Parts whose nearest pixels are at most this far apart, centre to centre, are one object [pixel].
-    pixel_area : float, optional
-        Area of a pixel [m2].
-
-    Raises
-    ------
-    InputError
-        Shapes differ, or an option is out of range.
+    Pixels touch at corners, too; those whose score is NaN do not count. Objects of fewer than `min_size` pixels are
+    dropped, after merging: parts whose nearest pixels are at most `merge_distance` apart, centre to centre [pixel], are
+    one object. `pixel_area` is that of a pixel [m2]. Shapes that differ, or an option out of range, are an InputError.
 
     Examples
     --------
@@ -128,11 +109,6 @@ def find_among(
 
     Places are in row-major order. Only pixels with a score greater than `above` belong to objects; the others only
     connect the parts of an object.
-
-    Examples
-    --------
-    >>> [o.size for o in find_among(np.array([0, 1, 9]), np.array([0, 1, 9]), np.array([5.0, 6, 7]))]
-    [1, 2]
     """
     if min_size < 1:
         raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
@@ -184,11 +160,7 @@ def label(mask: Mask) -> Int32:
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
     """A GeoJSON FeatureCollection of objects' outlines and numbers (RFC 7946).
 
-    Parameters
-    ----------
-    objects : sequence of Object
-    move : callable, optional
-        Turns (column, row) corners into longitude and latitude; pixel corners as they stand where it is None.
+    `move` turns (column, row) corners into longitude and latitude; without it, coordinates are corners.
     """
     features = []
     for o in objects:

@@ -12,8 +12,6 @@ Engineering and Remote Sensing 64, 723-731.
 Schaum (2007), "Hyperspectral anomaly detection beyond RX", Proc. SPIE 6565, 656502, doi:10.1117/12.718789.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,17 +23,15 @@ import numpy as np
 
 from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
+from deglint.tiles import default_threads
 
 from .arrays import Array, Float64, Mask, Scores
-from .background import RIDGE, Background, as_image, as_mask, default_threads, fit
+from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
-_CHUNK = 1024
-"""Minimum number of pixels that are scored at a time: their whitened values stay in the cache."""
-_PRODUCTS = 1 << 18
-"""Multiplications in one matrix product: OpenBLAS starts no threads for so few."""
-_STRIP_PIXELS = 1 << 19
-"""Number of pixels that a thread scores at a time."""
+_CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache
+_PRODUCTS = 1 << 18  # multiplications in one matrix product: OpenBLAS starts no threads for so few
+_STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Tolerated error of the mean, by the type of the scores [standard deviation]."""
 
@@ -151,8 +147,7 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     # a band that the reference explains to the last digit is left out, as a constant one would be
     whole = np.diag(covariance)[others]
     gone = np.diag(left) <= TOLERANCE * bands * whole
-    left[gone] = 0
-    left[:, gone] = 0
+    left[gone] = left[:, gone] = 0
     whiten = whitener(left)
     out = np.zeros((len(whiten), bands))
     out[:, others], out[:, reference] = whiten, -whiten @ slopes
@@ -176,15 +171,9 @@ METHODS = {
 
 @checked_keywords()
 def rx(
-    image: Array,
-    background: Background | Mask | None = None,
-    *,
-    mask: Mask | None = None,
-    nodata: float | None = None,
-    covariance: str = "empirical",
-    ridge: float = RIDGE,
-    threads: int | None = None,
-) -> Scores:
+    image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None, nodata: float | None = None,
+    covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None,
+) -> Scores:  # fmt: skip
     """Global RX (Reed and Yu 1990): squared Mahalanobis distance (x - mean)' C^-1 (x - mean) from the background.
 
     Parameters
@@ -255,11 +244,7 @@ def subspace_rx(
 
 @checked_keywords()
 def residual_rx(
-    image: Array,
-    background: Background | Mask | None = None,
-    *,
-    nir: Sequence[int],
-    mask: Mask | None = None,
+    image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
     """RX of what is left of each band after regression on reference bands; other parameters as `rx`.
 

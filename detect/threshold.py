@@ -6,10 +6,9 @@ into memory; tails of tiles are merged in any order. Opens no files.
 
 References
 ----------
-Hosking, Wallis (1987), "Parameter and quantile estimation for the generalized Pareto distribution", Technometrics 29,
-339-349, doi:10.1080/00401706.1987.10488243. Grimshaw (1993), "Computing maximum likelihood estimates for the
-generalized Pareto distribution", Technometrics 35, 185-191, doi:10.1080/00401706.1993.10485040. Coles (2001), "An
-Introduction to Statistical Modeling of Extreme Values", ch. 4, doi:10.1007/978-1-4471-3675-0.
+Grimshaw (1993), "Computing maximum likelihood estimates for the generalized Pareto distribution", Technometrics 35,
+185-191, doi:10.1080/00401706.1993.10485040. Coles (2001), "An Introduction to Statistical Modeling of Extreme Values",
+ch. 4, doi:10.1007/978-1-4471-3675-0.
 """
 
 from __future__ import annotations
@@ -26,17 +25,12 @@ from .arrays import Array, Float64
 
 THRESHOLDS = ("gpd", "empirical", "f", "chi2")
 """Methods that determine the threshold for --pfa: the tail fitted to the scores, their quantile, F, and chi-squared."""
-KEEP = 1 << 18
-"""Default number of highest scores that a `Tail` keeps."""
+KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50
-_TAIL = 0.01
-"""Fraction of the scores that are fitted; more where the rate, or few scores, ask for it."""
+_TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or few scores, ask for it
 _ENOUGH = 10
 """Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
-_POOR_FIT = 0.05
-"""Kolmogorov distance from which a fitted tail is called poor."""
-_SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
-"""Of the spline through the p-values: how far it goes, nodes, and the least p-value."""
+_POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +52,9 @@ class Tail:
 
     @classmethod
     def of(cls, scores: Array, keep: int = KEEP) -> Tail:
-        """The tail of an array of scores of any shape; NaN is left out.
-
-        Raises
-        ------
-        InputError
-            A score is infinite.
-        """
+        """The tail of an array of scores of any shape; NaN is left out, and infinity is an InputError."""
         valid = np.asarray(scores).ravel()
-        missing = np.isnan(valid)
-        valid = valid[~missing] if missing.any() else valid
+        valid = valid[~np.isnan(valid)]
         n = valid.size
         if n > keep:
             valid = np.partition(valid, n - keep)[n - keep :]
@@ -86,7 +73,7 @@ class Tail:
 
     @staticmethod
     def keep_for(pfa: float, pixels: int) -> int:
-        """Scores to keep so that a scene of this many pixels can be cut at `pfa`, by quantile or by fit."""
+        """Number of scores to keep for a threshold at `pfa` in a scene of this many pixels."""
         return max(KEEP, math.ceil(2 * pfa * pixels) + 1)
 
     def above(self, value: float) -> int | None:
@@ -146,11 +133,6 @@ def from_chi2(pfa: float, bands: int) -> Threshold:
     """Threshold for squared Mahalanobis distances of a Gaussian background whose statistics are known.
 
     D ~ chi2(bands): the upper `pfa` quantile (Reed and Yu 1990, eq. 46-47, doi:10.1109/29.60107).
-
-    Examples
-    --------
-    >>> print(from_chi2(1e-3, 8))
-    threshold 26.1245 (chi2): Pfa requested 0.001, observed not measured
     """
     from scipy.special import chdtri
 
@@ -173,53 +155,10 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
-def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
-
-    Of the scores' shape; NaN where a score is NaN.
-    """
-    from scipy.special import betainc, betaincc, chdtrc
-
-    _check(0.5, bands, n)
-    distance = np.maximum(np.asarray(scores, np.float64), 0)
-    if n is None:
-        return np.asarray(chdtrc(bands, distance))
-    w = distance * (n / (n * n - 1))
-    half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
-    return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
-
-
-def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
-
-    A cubic spline through its logarithm, a smooth function of the square root of the score, where the p-value is above
-    1e-290. It is the same for any cut into tiles.
-    """
-    from scipy.interpolate import CubicSpline
-
-    root = np.sqrt(np.maximum(np.asarray(scores, np.float64), 0))
-    nodes = np.linspace(0, _SPLINE_END, _SPLINE_NODES)
-    values = p_value(nodes**2, bands, n)
-    reached = values > _SPLINE_LEAST
-    found = np.exp(CubicSpline(nodes[reached], np.log(values[reached]))(root))
-    beyond = root > nodes[reached][-1]
-    found[beyond] = p_value(root[beyond] ** 2, bands, n)
-    return np.asarray(found)
-
-
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold that the fraction `pfa` of the scores exceeds: the least score with at most pfa n above it.
 
-    Parameters
-    ----------
-    scores : ndarray or Tail
-        Of the scene, or of a sample of it; NaN is left out.
-    pfa : float
-
-    Raises
-    ------
-    InputError
-        No valid score, fewer than 1 / pfa of them, or a tail that keeps too few.
+    NaN is left out. An InputError: no valid score, fewer than 1 / pfa of them, or a tail that keeps too few.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -241,12 +180,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold from the fitted tail, or by quantile where no law fits it.
 
-    A tail without a mean has objects in it; the quantile is then taken if enough scores exceed it.
-
-    Raises
-    ------
-    InputError
-        The rate is outside 0..1, lies inside the scores, or is too low for a quantile.
+    A tail without a mean has objects in it; the quantile is then taken if enough scores exceed it. An InputError: the
+    rate is outside 0..1, lies inside the scores, or is too low for a quantile.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -264,16 +199,9 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
 
     The k exceedances of u follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape); shape and scale are of
     maximum likelihood (Grimshaw 1993), the threshold is u + scale/shape ((n pfa / k)^(-shape) - 1) and its standard
-    error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the moments' answer
-    (probability-weighted, Hosking and Wallis 1987, shape only) and the Kolmogorov distance of fit and scores.
-    Parameters as `from_quantile`.
-
-    Raises
-    ------
-    InputError
-        No valid score, or pfa out of range.
-    FitError
-        Too few exceedances that differ, or the tail is too short of finite variance to be fitted.
+    error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the Kolmogorov distance of fit
+    and scores. An InputError: no valid score, or pfa out of range. A FitError: too few exceedances that differ, or the
+    tail ends abruptly.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -293,32 +221,33 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
             f"pfa: {pfa:g} lies inside the scores, not in their tail. Take a threshold by quantile "
             "(--threshold empirical)."
         )
-    shape, scale, moments = fit_pareto(excess)
+    shape, scale = fit_pareto(excess)
     value = u + _excess_at(k / tail.n / pfa, shape, scale)
     error = _standard_error(tail.n, k, pfa, shape, scale)
-    distance = _kolmogorov(excess, shape, scale)
+    y = excess / scale
+    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
+    away = 1 - survival - np.arange(k) / k
+    distance = float(max(np.abs(away).max(), np.abs(away - 1 / k).max()))  # of Kolmogorov
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
     numbers = {
         "start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k), "scale": scale,
-        "shape_by_moments": moments, "kolmogorov": distance,
+        "kolmogorov": distance,
     }  # fmt: skip
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
     return found.measured(tail.above(value), tail.n)
 
 
-def fit_pareto(excess: Float64) -> tuple[float, float, float]:
-    """Shape and scale of maximum likelihood, and the shape by probability-weighted moments; `excess` ascends.
+def fit_pareto(excess: Float64) -> tuple[float, float]:
+    """Shape and scale of maximum likelihood; `excess` ascends.
 
     P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0.
     """
     from scipy.optimize import minimize_scalar
 
-    k, unit = len(excess), float(excess.mean())
+    unit = float(excess.mean())
     y = excess / unit
-    weighted = float((1 - (np.arange(1, k + 1) - 0.35) / k) @ y / k)
-    by_moments = 2 - 1 / (1 - 2 * weighted)  # a0 = 1
     highest = float(y[-1])
 
     def cost(t: float) -> float:  # profile likelihood in theta = shape/scale = (exp(t) - 1) / highest, eq. 2.4
@@ -335,14 +264,14 @@ def fit_pareto(excess: Float64) -> tuple[float, float, float]:
         t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
     theta = math.expm1(t) / highest
     if abs(theta) < 1e-9:
-        return 0.0, unit, by_moments
+        return 0.0, unit
     shape = float(np.log1p(theta * y).mean())
     if shape <= -0.5:
         raise FitError(
             f"the scores' tail ends abruptly (shape {shape:.2f}, need more than -0.5): saturated or clipped scores. "
             "Take a threshold by quantile (--threshold empirical)."
         )
-    return shape, shape / theta * unit, by_moments
+    return shape, shape / theta * unit
 
 
 def _excess_at(ratio: float, shape: float, scale: float) -> float:
@@ -368,20 +297,10 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
     return math.sqrt(max(variance, 0.0))
 
 
-def _kolmogorov(excess: Float64, shape: float, scale: float) -> float:
-    """Largest distance between the distributions of scores and of the law; `excess` ascends."""
-    y = excess / scale
-    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
-    k = len(y)
-    ranks = np.arange(k) / k
-    return float(max(np.abs(1 - survival - ranks).max(), np.abs(1 - survival - ranks - 1 / k).max()))
-
-
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
     """The tail of scores, however they come."""
     if not isinstance(scores, Tail):
-        size = np.asarray(scores).size
-        scores = Tail.of(scores, Tail.keep_for(pfa, size))
+        scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:
         raise InputError("scores hold no valid pixel: all are NaN or masked.")
     return scores

@@ -30,27 +30,17 @@ from .pipeline.scoring import Scoring
 
 @checked_keywords()
 def fit(
-    array: Any,
-    recipe: Recipe | str = "rx",
-    *,
-    sensor: str | None = None,
-    nodata: float | str | None = None,
+    array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
-) -> Background:
+) -> Background:  # fmt: skip
     """Fit the background of a DataArray; a lazy one is computed once, chunk by chunk, now.
 
     Parameters
     ----------
-    array : DataArray
-        As `deglint.xr.fit` takes it.
+    array, sensor, nodata, threads
+        As `deglint.xr.fit`.
     recipe : Recipe or str
         Options, or the name of a method.
-    sensor, nodata, threads
-        As `deglint.xr.fit`.
-
-    Returns
-    -------
-    Background
 
     Raises
     ------
@@ -68,26 +58,19 @@ def fit(
 
 @checked_keywords()
 def score(
-    array: Any,
-    recipe: Recipe | str = "rx",
-    *,
-    background: Background | None = None,
-    sensor: str | None = None,
-    nodata: float | str | None = None,
-    threads: int | None = None,
-) -> Any:
+    array: Any, recipe: Recipe | str = "rx", *, background: Background | None = None, sensor: str | None = None,
+    nodata: float | str | None = None, threads: int | None = None,
+) -> Any:  # fmt: skip
     """Score how anomalous every pixel of a DataArray is; the scores of a lazy array are lazy.
 
     Parameters
     ----------
-    array : DataArray
-        As `deglint.xr.fit` takes it.
+    array, sensor, nodata, threads
+        As `deglint.xr.fit`.
     recipe : Recipe or str
         Options, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
-    sensor, nodata, threads
-        As `deglint.xr.fit`.
 
     Returns
     -------
@@ -118,10 +101,8 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
 
     Parameters
     ----------
-    array : DataArray
-        As `deglint.xr.fit` takes it.
-    background : Background, optional
-        A background fitted earlier, to this scene or another.
+    array, background
+        As `score`.
     **options
         covariance, ridge, bands, mask, ...: fields of `detect.pipeline.Recipe`.
 

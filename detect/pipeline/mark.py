@@ -7,34 +7,28 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from rasterio.windows import Window
 
 from deglint.raster.output import Scratch
-from deglint.tiles import LONGEST_SIDE
+from deglint.tiles import LONGEST_SIDE, tiles
 
 from .. import objects as marking
 from .. import sea
 from ..arrays import Array, Int64
-from ..objects import Move, Object, to_geojson
-from ..sea.rates import LOW
+from ..objects import Object, to_geojson
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
-from .chips import write_chips
-from .ground import distance_and_bearing, motions, to_wgs84
-from .plan import Plan, Progress
+from .features import described, motions, to_wgs84, write_chips, write_features
+from .plan import Plan
 from .recipe import Outputs
-from .vectors import write_features
 
 Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
 Rated = tuple[Object, str, float, float]
 """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 CANDIDATES = 0.04
-"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.rates.LOW`."""
+"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.LOW`."""
 _UNKNOWN_PIERS = 3
 """Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
-_ROUND = 1.3
-"""Ratio of length to width below which an object has no bearing."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
@@ -86,21 +80,19 @@ class Marker:
         """Clutter: scores of the candidates that are not confirmed as objects."""
         model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
         assert model is not None
-        found = marking.find_among(*self._above(LOW * model.q90, self._beside))
+        found = marking.find_among(*self._above(sea.LOW * model.q90, self._beside))
         return sea.clutter_of(self._tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
         found = []
-        dataset = self._scores
-        for top in range(0, dataset.height, LONGEST_SIDE):
-            window = Window(0, top, dataset.width, min(LONGEST_SIDE, dataset.height - top))
-            scores = dataset.read(1, window=window)
+        width = self._scores.width
+        for tile in tiles(self._scores.height, width, (LONGEST_SIDE, width)):
+            scores = self._scores.read(1, window=tile.window)
             with np.errstate(over="ignore"):
                 rows, columns = np.nonzero(scores > value)
-            found.append((rows + top, columns, scores[rows, columns]))
-        rows, columns, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        width = dataset.width
+            found.append((rows + tile.row0, columns, scores[rows, columns]))
+        rows, columns, scores = joined(found)
         apart = np.ones(len(rows), np.bool_)
         for row, column, _scores in without:
             apart &= ~np.isin(rows * width + columns, row * width + column)
@@ -113,7 +105,7 @@ class Marker:
             found = marking.find_among(*self._above(threshold.value), **self._options)
             return [(o, "anomaly", math.nan, math.nan) for o in found]
         clutter, share = self._clutter, self._strata
-        low = min(LOW * model.q90, threshold.value)
+        low = min(sea.LOW * model.q90, threshold.value)
         pixels = self._above(low, self._beside, self._attached)
         afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
         by_peaks = threshold.method == "peaks"
@@ -143,12 +135,10 @@ class Marker:
             rated.sort(key=lambda r: (r[2], -r[0].score_top))
         return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
-    def write(self, threshold: Threshold, scratch: Scratch, progress: Progress | None) -> int | None:
+    def write(self, threshold: Threshold, scratch: Scratch) -> int | None:
         """Write the objects above a threshold; return their number, or None where no objects are requested."""
         if self._targets.objects is None:
             return None
-        if progress:
-            progress("objects", 0, 1)
         rated = self.objects(threshold)
         found, scene = [o for o, *_ in rated], self._plan.scene
         chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
@@ -156,32 +146,8 @@ class Marker:
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
-            feature["properties"] |= _described(*r, move) | motion
+            feature["properties"] |= described(*r, move) | motion
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, self._targets.objects, document, geographic=move is not None)
-        if progress:
-            progress("objects", 1, 1)
         return len(rated)
-
-
-def _described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
-    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
-    known = math.isfinite(rate)
-    numbers: dict[str, Any] = {
-        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
-        "probability": real if math.isfinite(real) else None, "kind": kind,
-    }  # fmt: skip
-    length, width, angle = rectangle(found.footprint)
-    bearing = None
-    if move is not None:
-        row, column = found.centroid
-        x, y = column + 0.5, row + 0.5
-        across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
-        centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
-        unit, direction = distance_and_bearing(centre, along)
-        numbers |= {"longitude": centre[0], "latitude": centre[1]}
-        length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
-        bearing = direction % 180 if length >= _ROUND * width else None
-        numbers |= {"length_m": length, "width_m": width}
-    return numbers | {"bearing": bearing}

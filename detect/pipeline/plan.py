@@ -32,27 +32,21 @@ from .recipe import WINDOW, Recipe
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]
 """How water is found, and 0-based bands of the scene that this takes."""
-SEA_TILE = 1024
-"""Side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]."""
-_STRIP_LINES = 64
-"""Minimum number of lines that are read at a time for "lines"."""
+SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
+_STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)
 """Wavelengths of the default bands of "sea" [nm]: corrected bands. The NIR is not corrected; its glint is clutter."""
-_NIR = (740.0, 1100.0)
-"""Wavelengths that show glint and almost no light from the water [nm]."""
-_MANY = 16
-"""Number of bands from which a spectrum alone identifies a target."""
+_NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
+_MANY = 16  # number of bands from which a spectrum alone identifies a target
 _OTHERS: dict[str, tuple[Any, str]] = {
     "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
 """Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
-_SAMPLE_BLOCK = 1024
-"""Side of the blocks that the statistics of water are fitted to [pixel]."""
+_SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4
 """Number of blocks for the fit; half of their area must be water."""
-UNKNOWN_PIXEL = 10.0
-"""Assumed side of a pixel where the scene has no CRS [m]."""
+UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,8 @@ from ..sea import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
-SUFFIXES = (".geojson", ".json", ".gpkg")
-"""Files that objects can be written to."""
-WINDOW = (5, 21)
-"""Default guard and window of local RX [pixel]."""
+SUFFIXES = (".geojson", ".json", ".gpkg")  # files that objects can be written to
+WINDOW = (5, 21)  # default guard and window of local RX [pixel]
 
 
 @dataclass(frozen=True)
@@ -80,10 +78,9 @@ class Recipe:
     merge_distance: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, known in (
-            ("method", ("auto", *METHODS)), ("threshold", THRESHOLDS), ("side", ("auto", *SIDES)), ("border", BORDERS),
-        ):  # fmt: skip
-            check_choice(getattr(self, name), list(known), name)
+        known = {"method": ["auto", *METHODS], "threshold": THRESHOLDS, "side": ["auto", *SIDES], "border": BORDERS}
+        for name, values in known.items():
+            check_choice(getattr(self, name), list(values), name)
         check_rule(self.covariance, self.ridge)
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
@@ -123,7 +120,6 @@ class Outputs:
     """Files to write, and how."""
 
     image: Path  # the scores; the sidecar is this with ".json" appended
-    p_value: Path | None = None  # raster of p-values
     flags: Path | None = None  # raster of `detect.pipeline.scoring.MEANINGS`
     objects: Path | None = None  # detected objects, GeoJSON or GeoPackage
     background: Path | None = None  # the fitted background
@@ -140,8 +136,6 @@ class Outputs:
             (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
             (self.objects and self.objects.suffix.lower() not in SUFFIXES,
              f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),
-            (self.p_value and not recipe.kind.law,
-             f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx."),
             (self.background and recipe.kind.matrices is None,
              (f"{recipe.method} has a background for every pixel, none to save. Leave out --save-background, or take "
              "--method rx.")),
@@ -156,5 +150,5 @@ class Outputs:
 
     def every(self) -> list[Path]:
         """All files that will be written."""
-        extra = (self.p_value, self.flags, self.objects, self.background)
+        extra = (self.flags, self.objects, self.background)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

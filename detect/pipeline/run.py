@@ -4,19 +4,20 @@ import logging
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from deglint import __version__
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
-from deglint.errors import InputError, NoWaterError
+from deglint.errors import DeglintError, InputError, NoWaterError
 from deglint.pipeline.cluster import Cluster
-from deglint.pipeline.outputs import log_scene
+from deglint.pipeline.outputs import log_scene, versions
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.info import open_dataset
@@ -24,6 +25,7 @@ from deglint.raster.output import Layout, Scratch, plain, write_json, write_text
 from deglint.raster.targets import check_images, check_targets
 from deglint.readers import open_scene
 from deglint.readers.stac import files_of
+from deglint.readers.text import read_json
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.tiles import default_threads
@@ -32,20 +34,23 @@ from deglint.timing import Reporter
 from .. import sea
 from ..background import Background
 from ..lines import LineScorer
+from ..local import STATES
 from ..threshold import Tail, Threshold
-from .ground import delayed_bands
+from .features import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .plan import Plan, Progress, fitted, make_plan
+from .plan import UNKNOWN_PIXEL, Plan, Progress, fitted, make_plan
 from .recipe import Outputs, Recipe
 from .scoring import MEANINGS, PixelCounts, Scoring
-from .sidecar import describe, notes_on, warnings_of
 
 log = logging.getLogger(__name__)
 
 READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
 """Keywords of `score_file` that go to `deglint.open_scene`."""
-FILES = ("p_value", "flags", "objects", "background", "chips")
-"""Keywords of `score_file` that name output files."""
+FILES = ("flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
+AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
+"""Glint removals that subtract a multiple of the NIR from each band."""
+_MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
+_FEW_PIXELS = 10  # pixels per band below which the error of the estimated covariance raises the scores noticeably
 
 
 @dataclass(frozen=True)
@@ -96,8 +101,8 @@ def score_file(
     cluster : Cluster, optional
         Workers in place of threads, as in `deglint.remove_glint`; the result is the same to the bit.
     **options
-        sensor, nodata, bands, wavelengths, scale, offset: see `deglint.open_scene`; p_value, flags, objects,
-        background, chips, overwrite, options: see `Outputs`.
+        sensor, nodata, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, objects, background,
+        chips, overwrite, options: see `Outputs`.
 
     Returns
     -------
@@ -125,7 +130,7 @@ def score_file(
         named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(reading.get("sensor") or "")}
         reads = {"the input": [*given, *files], **{option: [name] for option, name in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
-        check_images(targets.image, targets.flags, targets.p_value)
+        check_images(targets.image, targets.flags)
         # before the files are opened, so that a change during the run is detected
         checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
@@ -140,8 +145,8 @@ def _run(
     """Fit, score, mark objects and write all files of an open scene."""
     begun = time.perf_counter()
     log_scene(scene)
-    if recipe.method == "auto" and (targets.p_value or targets.background):
-        recipe = replace(recipe, method="rx")  # the default detector that has both outputs
+    if recipe.method == "auto" and targets.background:
+        recipe = replace(recipe, method="rx")  # the default detector that has a background
     if recipe.moving:
         delayed_bands(scene)  # raises before the long work if the times of the bands are not known
     plan = make_plan(scene, recipe, threads)
@@ -153,7 +158,7 @@ def _run(
         raise InputError("lines are scored in the order in which they come: leave out --workers and --cluster.")
     run = cluster.run if cluster else tiling.run
     plan = fitted(plan, run, progress)
-    notes = notes_on(plan)
+    notes = _notes_on(plan)
     for note in notes:
         log.info("%s", note)
     with Scratch(overwrite=targets.overwrite) as scratch:
@@ -167,15 +172,15 @@ def _run(
             with open_dataset(str(scratch.file(targets.image))) as scores:
                 marker = Marker(plan, targets, scores, tail, beside)
                 threshold = marker.threshold()
-                found = marker.write(threshold, scratch, progress)
+                found = marker.write(threshold, scratch)
             log.info("%s", threshold)
         if targets.background and plan.background:
             write_text(scratch, targets.background, replace(plan.background, names=plan.names).to_json() + "\n")
-        warnings = warnings_of(plan, threshold, tally)
+        warnings = _warnings_of(plan, threshold, tally)
         for warning in warnings:
             log.warning("%s", warning)
         seconds = round(time.perf_counter() - begun, 3)
-        said = describe(plan, targets, threshold, tally, checksum)
+        said = _describe(plan, targets, threshold, tally, checksum)
         said |= {"objects": found, "notes": [*scene.notes, *plan.notes, *notes], "warnings": warnings}
         said |= {"seconds": seconds} | ({"cluster": cluster.numbers()} if cluster else {})
         said = plain(said)
@@ -193,7 +198,7 @@ def _write_tiles(
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
+    work = Scoring(plan, keep, bool(targets.flags), lines)
     tally, tails = PixelCounts(), list[Tail]()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     with writing_all(scratch, _images(plan, targets)) as writers:
@@ -221,8 +226,97 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
         info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
     )
     images = {"scores": (targets.image, base)}
-    if targets.p_value:
-        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
     if targets.flags:
         images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
     return images
+
+
+def _describe(
+    plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
+) -> dict[str, Any]:
+    """Versions, inputs, options and results of a run as plain values for JSON."""
+    recipe = asdict(plan.recipe)
+    recipe["bands"] = list(plan.names)
+    recipe["nir"] = [plan.names[b] for b in plan.nir]
+    if plan.recipe.method == "local":
+        inner, outer = plan.recipe.window
+        recipe["ring_pixels"] = outer * outer - inner * inner
+    numbers = plan.background.numbers() if plan.background else None
+    if numbers and len(plan.bands) > _MOST_BANDS:
+        numbers["covariance"] = "left out: --save-background writes it"
+    return {
+        "detect": __version__,
+        "versions": versions(),
+        "input": checksum.result(),
+        "product": plan.scene.product,
+        "output": str(targets.image),
+        "flags": {"file": str(targets.flags), "bits": MEANINGS} if targets.flags else None,
+        "recipe": recipe,
+        "background": numbers,
+        "water": plan.water[0].numbers() if plan.water else None,
+        "sea": plan.model.numbers() if plan.model else None,
+        "threshold": asdict(threshold) if threshold else None,
+        "pixels": asdict(tally),
+    }
+
+
+def _notes_on(plan: Plan) -> list[str]:
+    """Notes on the decisions of a run, one line each."""
+    notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
+    if plan.sea and plan.model:
+        size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+        what = "brighter or darker" if plan.model.side == "both" else "brighter"
+        even = ", relative to water of the same NIR" if plan.model.glint else ""
+        notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
+        notes.append(f"sea: searched for what is {what} than the water within {sea.SEA_WINDOW} pixels{even}")
+    if background := plan.background:
+        where = "read from a file" if plan.given else f"{background.n} pixels"
+        shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
+        notes.append(f"background: {where}, rank {background.rank} of {background.bands}{shrunk}")
+    return notes
+
+
+def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:
+    """Warnings about the reliability of the scores."""
+    said = []
+    if background := plan.background:
+        if background.rank < background.bands:
+            said.append(
+                f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
+                "scored as if they were not there"
+            )
+        if background.n < _FEW_PIXELS * background.bands:
+            said.append(
+                f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "
+                "not chi-squared (--threshold f), or take --covariance ledoit-wolf"
+            )
+    for count, state in zip((tally.deficient, tally.too_few), STATES, strict=True):
+        if count:
+            said.append(f"{count} of {tally.total} pixels: {STATES[state]}")
+    if threshold is not None:
+        said += threshold.notes
+    if line := _removal_without_effect(plan):
+        said.append(line)
+    return said
+
+
+def _removal_without_effect(plan: Plan) -> str | None:
+    """Warning that the glint removal of the input does not change the scores; None where it does.
+
+    Invariant detectors give the scores of the glinted scene if the removal was linear and its NIR is in use.
+    """
+    if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
+        return None
+    try:
+        made = read_json(f"{plan.scene.path}.json", "sidecar")
+        model = made["model"]
+        kept = {model["band_names"][b] for index in model["indexes"] for b in index["bands"]} <= set(plan.names)
+        affine = model["method"] in AFFINE and bool(model["fits"]) and not made["pixels"]["protected"]
+    except (DeglintError, KeyError, TypeError, IndexError):
+        return None
+    if not (affine and kept):
+        return None
+    return (
+        f"{plan.recipe.method} scores do not change under {model['method']} as long as the NIR is among the bands: "
+        "these are the scores of the glinted scene. For the removal to count, leave the NIR out with -b"
+    )

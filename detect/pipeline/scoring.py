@@ -1,17 +1,14 @@
 """Processing of one tile: read, mask, score, flag and count."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from deglint.tiles import Tile
 
 from .. import sea
-from .. import threshold as cutting
 from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
@@ -46,7 +43,7 @@ class PixelCounts:
     deficient: int = 0
     too_few: int = 0
 
-    def add(self, other: PixelCounts) -> None:
+    def add(self, other: Self) -> None:
         """Add a tile's counts."""
         for name in vars(self):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -59,7 +56,6 @@ class Scored:
     scores: Float32
     tally: PixelCounts
     tail: Tail | None = None
-    p_values: Float32 | None = None
     flags: Uint8 | None = None
     beside: dict[int, Places] = field(default_factory=dict)
 
@@ -70,7 +66,6 @@ class Scoring:
 
     plan: Plan
     keep: int = 0  # highest scores that a tile returns
-    want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
 
@@ -95,16 +90,14 @@ class Scoring:
             scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
         tail = Tail.of(found, self.keep) if self.keep else None
-        p_values = flags = None
-        if self.want_p and plan.law:
-            p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
+        flags = None
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
             if states is not None:
                 marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
-        return Scored(found, _count(found, mask, states), tail, p_values, flags)
+        return Scored(found, _count(found, mask, states), tail, flags)
 
     def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""
@@ -128,7 +121,7 @@ class Scoring:
         for which in (sea.ALONGSIDE, sea.ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
             beside[which] = rows + tile.row0, columns + tile.col0, scores[rows, columns]
-        return Scored(scores, tally, tail, None, flags, beside)
+        return Scored(scores, tally, tail, flags, beside)
 
 
 def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
@@ -141,10 +134,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
     """Counts of the pixels of a tile: scored, masked out, not valid, and by state of local RX."""
-    tally = PixelCounts(total=scores.size, scored=int(np.count_nonzero(np.isfinite(scores))))
-    tally.masked_out = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
-    if states is not None:
-        tally.deficient = int(np.count_nonzero(states == DEFICIENT))
-        tally.too_few = int(np.count_nonzero(states == TOO_FEW))
-    tally.not_valid = tally.total - tally.masked_out - tally.scored - tally.too_few
-    return tally
+    scored = int(np.count_nonzero(np.isfinite(scores)))
+    outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
+    deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))
+    return PixelCounts(scores.size, outside, scores.size - outside - scored - too_few, scored, deficient, too_few)

@@ -46,17 +46,13 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Names and scores of the detectors (higher is more anomalous), and the truth.
-
-    Pixels are valid in every score raster and in the truth, and inside the mask; `left_out` counts the others by
-    reason, and a pixel may count for several. `objects` has the number of the object of each pixel, 0 for background.
-    """
+    """Names and scores of the detectors, and the truth."""
 
     names: tuple[str, ...]
-    scores: tuple[Array, ...]
-    objects: Int32
-    valid: Mask
-    left_out: dict[str, int]
+    scores: tuple[Array, ...]  # higher is more anomalous
+    objects: Int32  # number of the object of each pixel, 0 for background
+    valid: Mask  # valid in every score raster and in the truth, and inside the mask
+    left_out: dict[str, int]  # number of the other pixels by reason; a pixel may count for several
     grid: Scene
     notes: tuple[str, ...]
 

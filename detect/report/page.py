@@ -15,8 +15,7 @@ from deglint.pipeline.outputs import versions
 from . import plots
 from .evaluate import Evaluation, Request
 
-MOST_ROWS = 200
-"""Objects listed on the page."""
+MOST_ROWS = 200  # objects listed on the page
 
 
 def render(package: str, **values: Any) -> str:

@@ -17,10 +17,8 @@ from .evaluate import Evaluation, Judged
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LONGEST = 640
-"""Longest side of a scene as it is shown [pixel]."""
-_CUTOUT_MARGIN = 12
-"""Pixels around a false alarm."""
+_LONGEST = 640  # longest side of a scene as it is shown [pixel]
+_CUTOUT_MARGIN = 12  # pixels around a false alarm
 
 
 def check_installed(command: str) -> None:

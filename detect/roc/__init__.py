@@ -4,11 +4,8 @@ Arrays only; opens no files. A pixel is a target where truth is not 0, and is de
 a threshold: higher is more anomalous. What is not finite, or not valid, is left out and counted.
 """
 
-from .bootstrap import Bands, bootstrap
-from .curve import AucInterval, Comparison, OperatingPoint, Roc, auc_interval, compare
-from .per_object import ObjectCurve, ObjectScore, count_false_alarms, false_alarms, number_objects, object_curve
+from .bootstrap import bootstrap
+from .curve import Roc, auc_interval, compare
+from .per_object import false_alarms, number_objects, object_curve
 
-__all__ = [
-    "AucInterval", "Bands", "Comparison", "ObjectCurve", "ObjectScore", "OperatingPoint", "Roc", "auc_interval",
-    "bootstrap", "compare", "count_false_alarms", "false_alarms", "number_objects", "object_curve",
-]  # fmt: skip
+__all__ = ["Roc", "auc_interval", "bootstrap", "compare", "false_alarms", "number_objects", "object_curve"]

@@ -13,8 +13,6 @@ Efron, Tibshirani (1993), "An Introduction to the Bootstrap", doi:10.1007/978-1-
 Obuchowski (1997), "Nonparametric analysis of clustered ROC curve data", Biometrics 53, 567-578, doi:10.2307/2533958.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,37 +58,15 @@ def default_block(height: int, width: int) -> int:
 
 
 def bootstrap(
-    scores: Array,
-    objects: Array,
-    valid: Mask | None = None,
-    *,
-    draws: int = 1000,
-    seed: int = 0,
-    block: int | None = None,
-    pfa: npt.ArrayLike | None = None,
-) -> Bands:
+    scores: Array, objects: Array, valid: Mask | None = None, *, draws: int = 1000, seed: int = 0,
+    block: int | None = None, pfa: npt.ArrayLike | None = None,
+) -> Bands:  # fmt: skip
     """Intervals of Pd at given Pfa, and of the area, by drawing objects and blocks.
 
-    Parameters
-    ----------
-    scores : (row, column) ndarray
-    objects : (row, column) ndarray
-        0, or the number of the object that a pixel belongs to.
-    valid : (row, column) ndarray of bool, optional
-    draws : int
-    seed : int
-        The same seed gives the same numbers.
-    block : int, optional
-        Side of the background's blocks [pixel]; see `default_block`.
-    pfa : array_like, optional
-        Where to look at the curve; see `default_grid`.
-
-    Raises
-    ------
-    InputError
-        As `Roc.of`; fewer than 2 draws; block less than 1.
+    `scores` and `objects` (0, or the number of the object of a pixel) are (row, column). The same seed gives the same
+    numbers. `block` is the side of the background's blocks [pixel], by default `default_block`; `pfa` where the curve
+    is evaluated, by default `default_grid`. An InputError as `Roc.of`, for fewer than 2 draws, or a block below 1.
     """
-    scores, objects = np.asarray(scores), np.asarray(objects)
     if scores.ndim != 2:
         raise InputError(f"scores must be (row, column) to be cut into blocks, got shape {scores.shape}.")
     if draws < 2:
@@ -105,12 +81,12 @@ def bootstrap(
     areas, pds = _draw(targets, background, at, draws, seed)
     tails = [50 * (1 - _LEVEL), 50 * (1 + _LEVEL)]
     low, high = np.percentile(pds, tails, axis=0)
-    auc = np.percentile(areas, tails)
+    lowest, highest = map(float, np.percentile(areas, tails))
     drawn = {"objects": targets.shape[0], "blocks": background.shape[0]}
     few = [f"few {what} ({n}): intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
     return Bands(
-        pfa=at, low=low, high=high, auc=(float(auc[0]), float(auc[1])), auc_error=float(areas.std(ddof=1)),
-        areas=areas, level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
+        pfa=at, low=low, high=high, auc=(lowest, highest), auc_error=float(areas.std(ddof=1)), areas=areas,
+        level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
     )  # fmt: skip
 
 
@@ -163,11 +139,11 @@ def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> 
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):
-        some = slice(start, min(start + _DRAWS_AT_A_TIME, draws))
-        size = some.stop - some.start
+        size = min(_DRAWS_AT_A_TIME, draws - start)
+        some = slice(start, start + size)
         t, b = (
-            rng.multinomial(n, np.full(n, 1 / n), size).astype(np.float64) @ pieces
-            for n, pieces in ((pieces.shape[0], pieces) for pieces in (targets, background))
+            rng.multinomial(n := pieces.shape[0], np.full(n, 1 / n), size).astype(np.float64) @ pieces
+            for pieces in (targets, background)
         )
         m, n = t.sum(axis=1, keepdims=True), b.sum(axis=1, keepdims=True)
         below = np.cumsum(b, axis=1) - b / 2

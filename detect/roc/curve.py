@@ -29,8 +29,7 @@ from deglint.errors import InputError
 
 from ..arrays import Array, Float64, Int64, Mask
 
-_Z = 1.959963984540054
-"""Half-width of a normal interval of 95 % in standard errors."""
+_Z = 1.959963984540054  # half-width of a normal interval of 95 % in standard errors
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,17 @@ class Roc:
         kept = scores.astype(np.float64) if scores.dtype.kind in "iub" else scores
         targets, background = (np.sort(kept[part]) for part in (ok & target, ok & ~target))
         left_out = scores.size - targets.size - background.size
-        _check(targets, background, left_out)
+        if not (len(targets) and len(background)):
+            aside = f" ({left_out} left out as not valid)" if left_out else ""
+            raise InputError(
+                f"a curve needs targets (truth is not 0) and background (truth is 0), got {len(targets)} and "
+                f"{len(background)} valid pixels{aside}. Check nodata, the mask and the truth."
+            )
+        low, high = min(targets[0], background[0]), max(targets[-1], background[-1])
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")
+        if low == high:
+            raise InputError(f"all {len(targets) + len(background)} scores are {low:g}: they tell nothing apart.")
         return cls(targets, background, left_out)
 
     @cached_property
@@ -242,22 +251,7 @@ def auc_interval(roc: Roc) -> AucInterval:
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors on the same pixels.
-
-    Parameters
-    ----------
-    first, second : ndarray
-        Scores; a pixel counts where both are valid.
-    truth : ndarray of the same shape
-        A target where it is not 0.
-    valid : ndarray of bool, optional
-
-    Raises
-    ------
-    InputError
-        As `Roc.of`.
-    """
-    first, second, truth = np.asarray(first), np.asarray(second), np.asarray(truth)
+    """DeLong's paired test of two detectors on the pixels where the scores of both are valid; else as `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
@@ -300,21 +294,5 @@ def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
 
 
 def _check_pfa(pfa: float) -> None:
-    """Check a false-alarm rate."""
     if not 0 < pfa <= 1:
         raise InputError(f"Pfa: allowed is above 0 and up to 1, got {pfa}.")
-
-
-def _check(targets: Array, background: Array, left_out: int) -> None:
-    """Check that scores give a curve."""
-    if not (len(targets) and len(background)):
-        aside = f" ({left_out} left out as not valid)" if left_out else ""
-        raise InputError(
-            f"a curve needs targets (truth is not 0) and background (truth is 0), got {len(targets)} and "
-            f"{len(background)} valid pixels{aside}. Check nodata, the mask and the truth."
-        )
-    low, high = min(targets[0], background[0]), max(targets[-1], background[-1])
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise InputError("scores hold infinity; allowed are finite numbers, and NaN where a pixel is not valid.")
-    if low == high:
-        raise InputError(f"all {len(targets) + len(background)} scores are {low:g}: they tell nothing apart.")

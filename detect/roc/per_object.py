@@ -4,8 +4,6 @@ An object is found when one of its pixels is detected. Connected detected pixels
 every other connected part is one false alarm, whatever its size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -55,19 +53,9 @@ class ObjectCurve:
 def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
 
-    Parameters
-    ----------
-    truth : (row, column) ndarray
-        0, or an object's number; NaN is no object.
-    connected : bool
-        Take connected parts whatever their numbers, as of a map of classes.
-
-    Raises
-    ------
-    InputError
-        Numbers are not whole.
+    `truth` is (row, column): 0, or an object's number; NaN is no object. With `connected`, parts are taken whatever
+    their numbers, as of a map of classes. Numbers that are not integers are an InputError.
     """
-    truth = np.asarray(truth)
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
         return label(np.isin(truth, names))
@@ -84,20 +72,12 @@ def object_curve(
 ) -> ObjectCurve:
     """Scores of all objects, and number found against false alarms.
 
-    Parameters
-    ----------
-    scores : (row, column) ndarray
-    objects : (row, column) ndarray of int
-        From `number_objects`.
-    roc : Roc
-        Of the same pixels.
-    valid : (row, column) ndarray of bool, optional
-    pfa_max : float
-        Thresholds of a higher pixel Pfa are not looked at: false alarms run into one another there.
+    `objects` come from `number_objects`; `roc` is of the same pixels. Thresholds of a pixel Pfa above `pfa_max` are
+    left out: false alarms run into one another there.
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
-    unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored])
+    unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored]).tolist()
     every = np.array([o.score_max for o in scored])
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
@@ -109,7 +89,7 @@ def object_curve(
     exact = levels.astype(own)
     return ObjectCurve(
         objects=scored,
-        unseen=tuple(int(i) for i in unseen),
+        unseen=tuple(unseen),
         thresholds=levels,
         found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
         false_alarms=np.array([count_false_alarms(scores >= t, objects, ok) for t in exact], np.int64),

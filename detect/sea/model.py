@@ -41,16 +41,10 @@ _ROUNDS = 3
 """Number of times that the statistics are computed."""
 _CUT = 6.0
 """A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
-_PRIOR = 30.0
-"""Weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water."""
-_FLOOR = 0.1
-"""Smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches."""
-_FAR = 1e4
-"""Values are clipped to this many robust standard deviations: float32 sums over a window stay precise."""
-_RARE = 1e-3
-"""Fraction of water above the upper quantile that normalises the scales."""
-
-
+_PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
+_FLOOR = 0.1  # smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches
+_FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
+_RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
 _CLASSES = 32
 """Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
 _USUAL = 0.75
@@ -91,9 +85,7 @@ class GlintScale:
         if len(edges) < 3 or not usual > 0:
             return flat
         at = np.clip(np.searchsorted(edges, glint, side="right") - 1, 0, len(edges) - 2)
-        order = np.argsort(at, kind="stable")
-        parts = np.split(order, np.cumsum(np.bincount(at, minlength=len(edges) - 1))[:-1])
-        found = [(np.median(glint[p]), np.quantile(scored[p], _USUAL) / usual) for p in parts if len(p)]
+        found = [(np.median(glint[at == i]), np.quantile(scored[at == i], _USUAL) / usual) for i in np.unique(at)]
         middle, factor = np.array(found, np.float64).T
         factor = np.maximum.accumulate(np.maximum(factor, 1e-3))
         last = factor[int(_LAST_FACTOR * (len(factor) - 1) + 0.5)]
@@ -166,8 +158,9 @@ def fit(
         np.ones(len(scales)), 1.0, scales, side=side,
     )  # fmt: skip
     states = [_State(block, classes, model) for block, classes in blocks]
-    for i in range(_ROUNDS):
-        for state in states if i else ():
+    model = _learn(states, model)
+    for _ in range(_ROUNDS - 1):
+        for state in states:
             state.narrow(model)
         model = _learn(states, model)
     found = [_combined(s, model) for s in states]

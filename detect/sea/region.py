@@ -7,8 +7,6 @@ hole next to land counts as part of the land. A part with land at both ends coun
 front of turbid water.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -25,8 +23,7 @@ NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 """Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
 ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
 to land: clutter, not objects."""
-LARGEST = (400.0, 60.0)
-"""Length and width of the largest ships [m]."""
+LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
 MOST = 128
 """Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
 tiles small."""
@@ -44,8 +41,7 @@ sides. Bends and mixed pixels lower the fraction at the ends. Land at a side is 
 sides find the same ships in six real ports."""
 _DIRECTIONS = 12
 """Number of directions in the search for ships alongside: 7.5 degrees are within the tolerance of a hull of 8 to 1."""
-_HULL_BLUR = 1.5
-"""Width that the point spread function adds to a hull [pixel]."""
+_HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 
 @dataclass(frozen=True)
@@ -82,13 +78,6 @@ def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
 
     The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
     neither water nor land.
-
-    Examples
-    --------
-    >>> water = np.ones((9, 9), bool)
-    >>> water[4, 3:6] = False
-    >>> int((region(water, SeaRule(10.0)) == AFLOAT).sum())
-    3
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid

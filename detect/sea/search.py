@@ -1,20 +1,145 @@
-"""Search for objects on the sea in an array: classify, fit, score, and list the objects as plain records."""
+"""Objects on the sea: threshold for a rate per pixel, false objects per square kilometre, and the search of an array.
 
-from __future__ import annotations
+The scores of clutter are heavy-tailed, and the ships are in the tail. Objects that are larger and brighter than clutter
+are confirmed, and excluded first. A generalised Pareto distribution is fitted to the other scores. Small objects cannot
+be distinguished from clutter. They are not confirmed and count as false alarms, so that the rate is not underestimated.
+"""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import Float32
+from deglint.errors import FitError, InputError
+
+from ..arrays import Array, Float32, Float64
 from ..background import as_image, as_mask
-from ..objects import find, find_among
-from ..threshold import Tail, Threshold
+from ..objects import Object, find, find_among
+from ..threshold import Tail, Threshold, fit_pareto, from_tail
 from .model import SeaModel, fit, score
-from .rates import LOW, Clutter, clutter_of
 from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
+
+LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
+_CONFIRMED = (9.0, 3.0)
+"""A confirmed object has a peak above this multiple of the 90 % quantile of water. First value: coarse pixels, where
+wakes and clouds reach half of it. Second value: pixels smaller than a boat."""
+_LARGE_OBJECTS = (40, 12)
+"""Minimum size of a confirmed object [pixel]. First value: coarse pixels (a blurred ship of 100 m by 30 m at 10 m).
+Second value: pixels smaller than a boat (a boat). Waves and sparkle are smaller."""
+_BODY = 60
+"""Size from which a candidate is confirmed whatever its peak, where pixels are smaller than a boat [pixel]: noise that
+is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
+_SMALLEST_KEPT = 12.6
+"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: that of a disc of 4 m, the smallest
+object that glint removal keeps. Residual glint is smaller."""
+_LEAST = 50  # minimum number of peaks for a fit
+_MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bulk of the water
+
+
+@dataclass(frozen=True, eq=False)
+class Clutter:
+    """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
+
+    A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
+    """
+
+    tail: Tail  # scores of clutter pixels
+    low: float  # score above which candidates are taken
+    peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
+    area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
+    confirmed: int  # objects
+    confirmed_pixels: int
+    shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
+    scale: float
+    large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
+    large_share: float = 1.0  # fraction of the unconfirmed candidates that have as many pixels
+
+    @property
+    def fitted(self) -> bool:
+        """Whether a distribution is fitted to the peaks; else their ranks are used."""
+        return math.isfinite(self.shape)
+
+    def false_per_km2(self, score: float, pixels: int = 1) -> float:
+        """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN without an area.
+
+        For a large and bright object the number is multiplied by the fraction of large candidates. Pass the number of
+        `pixels` only for objects with the shape of a ship: slicks, shoals and clouds are large, too.
+        """
+        if not self.area > 0:
+            return math.nan
+        if pixels >= self.large[0] and score > self.large[1]:
+            return self.large_share * self.false_per_km2(score)
+        above = len(self.peaks) - int(np.searchsorted(self.peaks, score, side="left"))
+        if score <= self.low and above == len(self.peaks):
+            return _MOST_RATE
+        if above or not self.fitted:
+            return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
+        y, least = ((x - self.low) / self.scale for x in (score, self.peaks[-1]))
+        ratio = (1 + self.shape * y) / (1 + self.shape * least) if abs(self.shape) > 1e-9 else 0.0
+        share = ratio ** (-1 / self.shape) if ratio > 0 else math.exp(least - y)
+        return min(share, 1.0) / self.area
+
+    def score_at(self, false_per_km2: float) -> float:
+        """`score_top` that is exceeded by the given number of false objects per km2."""
+        if not self.area > 0:
+            raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
+        count = len(self.peaks)
+        wanted = false_per_km2 * self.area
+        if wanted >= count:
+            return self.low
+        if wanted >= 1 or not self.fitted:
+            return float(self.peaks[count - 1 - math.floor(wanted)])
+        y = (self.peaks[-1] - self.low) / self.scale
+        if abs(self.shape) < 1e-9:
+            return float(self.peaks[-1] - self.scale * math.log(wanted))
+        return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
+
+    def threshold(self, pfa: float) -> Threshold:
+        """Threshold that a fraction `pfa` of the clutter pixels exceeds."""
+        note = f"large, bright objects are left out of the fit: {self.confirmed} ({self.confirmed_pixels} pixels)"
+        found = from_tail(self.tail, pfa)
+        if pfa * self.tail.n < 1:
+            one = f"less than one pixel of {self.tail.n}"
+            found = replace(found, notes=(*found.notes, f"the rate is extrapolated: {pfa:g} is {one}"))
+        return replace(found, notes=(*found.notes, note)) if self.confirmed else found
+
+
+def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
+    """Separate confirmed objects from clutter, and fit a distribution to the clutter.
+
+    `tail` holds the highest scores of the searched sea, whose area is in km2. The candidates are connected pixels above
+    `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
+    """
+    peak = _CONFIRMED[fine] * q90
+    kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
+    large, body = max(_LARGE_OBJECTS[fine], kept), max(_BODY, kept) if fine else math.inf
+    sure, rest = list[Object](), list[Object]()
+    for o in candidates:
+        (sure if (o.size >= large and o.score_max > peak) or o.size >= body else rest).append(o)
+    if sure:
+        tail = _without(tail, np.concatenate([o.scores for o in sure]))
+    low, pixels = LOW * q90, sum(o.size for o in sure)
+    peaks = np.sort([o.score_top for o in rest]).astype(np.float64)
+    shape = scale = math.nan
+    if len(peaks) > _LEAST:
+        excess = peaks[peaks > low] - low
+        with suppress(FitError):
+            if excess[0] < excess[-1]:
+                shape, scale = fit_pareto(excess)
+    share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
+    return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
+
+
+def _without(tail: Tail, taken: Array) -> Tail:
+    """Remove scores from a tail; each value is removed as often as it is in `taken`."""
+    ascending = tail.values[::-1]
+    gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
+    at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
+    return Tail(tail.n - len(taken), np.delete(ascending, at)[::-1], tail.keep)
 
 
 @dataclass(frozen=True, eq=False)

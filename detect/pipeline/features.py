@@ -1,0 +1,228 @@
+"""Features of objects in the output: place, size and motion on the ground, pictures, GeoJSON and GeoPackage."""
+
+import math
+import sqlite3
+import struct
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deglint.errors import DeglintError, InputError
+from deglint.notebook import level, stretch
+from deglint.raster.output import Scratch, write_bytes, write_json, write_text
+from deglint.readers import open_scene
+from deglint.readers.grid import at
+from deglint.readers.roles import band_roles
+from deglint.readers.text import read_json
+from deglint.scene import Scene
+
+from ..moving import FASTEST, find_moving
+from ..objects import Move, Object
+from ..sea.region import rectangle
+from .plan import Plan
+from .recipe import Outputs
+
+_EARTH = 6_371_008.8  # mean radius of the Earth [m]
+_SEARCH_MARGIN = 40
+"""Margin around an object in the search for its motion [pixel]: its contrast is relative to this water."""
+_ROUND = 1.3  # ratio of length to width below which an object has no bearing
+CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
+_CHIP_MARGIN = 12  # margin around an object [pixel of the scene]
+_SIZE = 192  # minimum side of a panel [pixel of the picture]
+_GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel of the picture]
+_STRETCH = (2.0, 99.8)  # percentiles that are shown as black and white: the object has few pixels of a chip
+
+
+def to_wgs84(scene: Scene) -> Move | None:
+    """Function from (column, row) corners to (longitude, latitude) [degree]; None if the scene has no CRS."""
+    transform, crs = scene.transform, scene.crs
+    if transform is None or crs is None:
+        return None
+    from rasterio.warp import transform as warp
+
+    def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        xs, ys = zip(*(at(transform, x, y) for x, y in points), strict=True)
+        longitudes, latitudes = warp(crs, "OGC:CRS84", xs, ys)[:2]
+        return [(float(x), float(y)) for x, y in zip(longitudes, latitudes, strict=True)]
+
+    return move
+
+
+def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
+    """Distance [m] and initial bearing [degree, clockwise from north] between (longitude, latitude) places."""
+    (lon0, lat0), (lon1, lat1) = (tuple(map(math.radians, p)) for p in (start, end))
+    half = math.sin((lat1 - lat0) / 2) ** 2 + math.cos(lat0) * math.cos(lat1) * math.sin((lon1 - lon0) / 2) ** 2
+    east = math.sin(lon1 - lon0) * math.cos(lat1)
+    north = math.cos(lat0) * math.sin(lat1) - math.sin(lat0) * math.cos(lat1) * math.cos(lon1 - lon0)
+    return 2 * _EARTH * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
+
+
+def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
+    """0-based bands whose time is known, and their times [s]; an InputError where fewer than three times differ."""
+    known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
+    if len({t for _, t in known}) < 3:
+        raise InputError(
+            f"--moving needs three bands with known, different times, and {scene.path} has {len(known)}. "
+            "Name the sensor with --sensor, or set time_offset_s in the bands' tags."
+        )
+    return [i for i, _ in known], [t for _, t in known]
+
+
+def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
+    """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move.
+
+    They are those of the nearest moving boat within the distance that the object can travel.
+    """
+    bands, times = delayed_bands(scene)
+    move = to_wgs84(scene)
+    if area is None or move is None:
+        raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS.")
+    pixel, out = math.sqrt(area), list[dict[str, Any]]()
+    reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
+    for o in found:
+        rows, columns = (
+            (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
+            for (low, high), size in zip(o.bounds, (scene.height, scene.width), strict=True)
+        )
+        row, column = o.centroid[0] - rows[0], o.centroid[1] - columns[0]
+        boats = find_moving(scene.read((rows, columns), bands=bands), times, pixel=pixel)
+        away = [math.hypot(boat.row - row, boat.column - column) for boat in boats]
+        if not boats or min(away) > reach + math.hypot(*o.footprint.shape):
+            out.append({"speed_m_s": None, "heading": None})
+            continue
+        best = boats[away.index(min(away))]
+        x, y = columns[0] + best.column + 0.5, rows[0] + best.row + 0.5
+        angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
+        start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
+        out.append({"speed_m_s": best.speed, "heading": distance_and_bearing(start, end)[1]})
+    return out
+
+
+def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
+    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
+    known = math.isfinite(rate)
+    numbers: dict[str, Any] = {
+        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
+        "probability": real if math.isfinite(real) else None, "kind": kind,
+    }  # fmt: skip
+    length, width, angle = rectangle(found.footprint)
+    bearing = None
+    if move is not None:
+        row, column = found.centroid
+        x, y = column + 0.5, row + 0.5
+        across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
+        centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
+        unit, direction = distance_and_bearing(centre, along)
+        numbers |= {"longitude": centre[0], "latitude": centre[1]}
+        length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
+        bearing = direction % 180 if length >= _ROUND * width else None
+        numbers |= {"length_m": length, "width_m": width}
+    return numbers | {"bearing": bearing}
+
+
+def write_chips(
+    plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
+) -> list[str | None]:
+    """Write a PNG of every object into the folder of `targets`; return their names.
+
+    Panels: the scene before glint removal, where the sidecar names the file; the scene; the scores.
+    """
+    if targets.chips is None:
+        return [None] * len(found)
+    import cv2
+    from rasterio.windows import Window
+
+    targets.chips.mkdir(parents=True, exist_ok=True)
+    scenes = [*_raw_of(plan.scene), plan.scene]
+    names: list[str | None] = []
+    for o in found:
+        rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, plan.scene.shape[1:], strict=True))
+        images = [scene.read((rows, columns), bands=_rgb(scene)) for scene in scenes]
+        window = Window(columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0])
+        images.append(np.stack([scores.read(1, window=window)] * 3))
+        panels = [stretch(image, *(level(image, percent) for percent in _STRETCH)) for image in images]
+        times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
+        large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
+        name = f"object_{o.label:04d}.png"
+        _done, png = cv2.imencode(".png", np.hstack(large)[:, :, ::-1])
+        write_bytes(scratch, targets.chips / name, bytes(png))
+        names.append(f"{targets.chips.name}/{name}")
+    return names
+
+
+def _around(start: int, stop: int, size: int) -> tuple[int, int]:
+    """Range of rows or columns of a chip: the object with its margin, within the scene."""
+    side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
+    low = min(max((start + stop - side) // 2, 0), size - side)
+    return low, low + side
+
+
+def _rgb(scene: Scene) -> list[int]:
+    """0-based bands for red, green and blue; one band three times (grey) where not all are known."""
+    roles = band_roles(scene)
+    known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
+    return known if len(known) == 3 else [(known or [0])[0]] * 3
+
+
+def _raw_of(scene: Scene) -> list[Scene]:
+    """The scene before removal, if the sidecar names its files and they have the same grid."""
+    try:
+        files = [file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]]
+        raw = open_scene(files)
+    except (DeglintError, KeyError, TypeError):
+        return []
+    return [raw] if raw.shape[1:] == scene.shape[1:] else []
+
+
+def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
+    """Write features as GeoJSON, or for the extension .gpkg as GeoPackage with a QGIS style file (.qml) beside it.
+
+    A GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude where
+    `geographic`, else pixels.
+    """
+    if path.suffix.lower() != ".gpkg":
+        write_json(scratch, path, document)
+        return
+    place = scratch.add(path)
+    place.unlink(missing_ok=True)
+    sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
+    write_text(scratch, path.with_suffix(".qml"), style)
+    rows = [row["properties"] for row in document["features"]]
+    types = {int: "INTEGER", float: "REAL"}
+    columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
+    srs = 4326 if geographic else -1
+    drawn = [feature["geometry"] for feature in document["features"]]
+    shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
+    corners = [np.array([point[:2] for polygon in polygons for point in polygon[0]]) for polygons in shapes]
+    boxes = [(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()) for places in corners]
+    whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
+    with sqlite3.connect(place) as db:
+        db.executescript(sql)
+        declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
+        db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
+        db.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, min_x, min_y, max_x, max_y, srs_id) "
+            "VALUES ('objects', 'features', 'objects', ?, ?, ?, ?, ?)", (*whole, srs),
+        )  # fmt: skip
+        db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
+        names = "".join(f', "{name}"' for name in columns)
+        marks = ",?" * len(columns)
+        db.executemany(
+            f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
+            [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
+             for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
+        )  # fmt: skip
+    db.close()
+
+
+def _binary(polygons: list[Any], srs: int, box: tuple[float, ...]) -> bytes:
+    """GeoPackage header with an envelope, and the geometry as well-known binary of a multi-polygon."""
+    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
+    out = [head, struct.pack("<BII", 1, 6, len(polygons))]
+    for rings in polygons:
+        out.append(struct.pack("<BII", 1, 3, len(rings)))
+        out += [struct.pack(f"<I{2 * len(ring)}d", len(ring), *(x for p in ring for x in p[:2])) for ring in rings]
+    return b"".join(out)
