@@ -155,6 +155,22 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
+def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
+    """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
+
+    Of the scores' shape; NaN where a score is NaN.
+    """
+    from scipy.special import betainc, betaincc, chdtrc
+
+    _check(0.5, bands, n)
+    distance = np.maximum(np.asarray(scores, np.float64), 0)
+    if n is None:
+        return np.asarray(chdtrc(bands, distance))
+    w = distance * (n / (n * n - 1))
+    half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
+    return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
+
+
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold that the fraction `pfa` of the scores exceeds: the least score with at most pfa n above it.
 

@@ -18,7 +18,7 @@ from detect.background import fit
 from detect.local import local_rx
 from detect.roc import Roc, auc_interval, compare
 from detect.rx import detector, rx, score
-from detect.threshold import from_f
+from detect.threshold import from_f, p_value
 
 
 def test_a_stray_first_pixel_of_a_cell_costs_the_mean_no_digits():
@@ -99,13 +99,14 @@ def test_nearly_equal_detectors_are_told_apart():
 
 
 @pytest.mark.parametrize(("bands", "n", "pfa"), [(8, 9, 1e-10), (8, 10, 1e-3), (200, 250, 1e-6), (3, 1000, 1e-4)])
-def test_f_thresholds_of_small_samples(bands, n, pfa):
+def test_f_thresholds_and_p_values_of_small_samples(bands, n, pfa):
     mpmath = pytest.importorskip("mpmath")
     at = from_f(pfa, bands, n).value
     with mpmath.workdps(40):
         w = mpmath.mpf(at) * n / (mpmath.mpf(n) ** 2 - 1)
         tail = mpmath.betainc(mpmath.mpf(n - bands) / 2, mpmath.mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
     assert float(tail) == pytest.approx(pfa, rel=1e-12)
+    assert float(p_value(np.array(at), bands, n)) == pytest.approx(float(tail), rel=1e-12)
 
 
 @pytest.mark.parametrize(("dtype", "value"), [

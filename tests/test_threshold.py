@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from deglint.errors import FitError, InputError
-from detect.threshold import Tail, fit_pareto, from_chi2, from_f, from_gpd, from_quantile, from_tail
+from detect.threshold import Tail, fit_pareto, from_chi2, from_f, from_gpd, from_quantile, from_tail, p_value
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ def test_chi2_is_that_of_the_printed_tables(pfa, bands, printed):
 
 @pytest.mark.parametrize("bands", [1, 4, 8, 200])
 @pytest.mark.parametrize("pfa", [0.3, 1e-3, 1e-9, 1e-15])
-def test_quantiles_agree_with_mpmath(pfa, bands):
+def test_quantiles_and_p_values_agree_with_mpmath(pfa, bands):
     """Probabilities beyond the quantiles, in 40 digits (scipy.stats.f.isf is off by 1e-5 at 1e-15)."""
     n = 400
     chi2, f = from_chi2(pfa, bands), from_f(pfa, bands, n)
@@ -33,6 +33,8 @@ def test_quantiles_agree_with_mpmath(pfa, bands):
         w = mpmath.mpf(f.value) * n / (n * n - 1)
         beyond = mpmath.betainc(rest, half, 0, 1 / (1 + w), regularized=True)
         assert float(beyond / pfa - 1) == pytest.approx(0, abs=1e-10)
+    np.testing.assert_allclose(p_value([chi2.value], bands), [pfa], rtol=1e-11)
+    np.testing.assert_allclose(p_value([f.value], bands, n), [pfa], rtol=1e-10)
     assert chi2.value < f.value
 
 
@@ -52,6 +54,16 @@ def test_f_holds_its_rate_where_chi2_does_not():
     rate = (distance > from_f(0.01, bands, n).value).mean()
     assert rate == pytest.approx(0.01, abs=0.0015)
     assert (distance > from_chi2(0.01, bands).value).mean() > 0.025
+    assert np.mean(p_value(distance, bands, n)) == pytest.approx(0.5, abs=0.01)
+
+
+def test_p_values_keep_shape_and_nan():
+    scores = np.array([[0.0, 3.0], [np.nan, 1e6]], np.float32)
+    p = p_value(scores, 3)
+    assert p.shape == (2, 2)
+    assert p[0, 0] == 1
+    assert np.isnan(p[1, 0])
+    assert p[1, 1] == 0
 
 
 @given(st.lists(st.integers(-5, 30), min_size=2, max_size=300), st.floats(0.01, 0.9))

@@ -136,6 +136,24 @@ def test_flags_of_local_scores_in_any_tiling(rxdetect, tmp_path, sea, write):
     assert expected[220, 220] == flags.PSEUDO_INVERSE
 
 
+@pytest.mark.parametrize(("bands", "n"), [(1, 3), (1, None), (2, 40), (5, 416), (8, 10**7), (8, None), (33, 60)])
+def test_p_values_against_mpmath(bands, n):
+    from mpmath import betainc, gammainc, mp, mpf
+
+    scores = np.concatenate([[0.0, 1e-9, 1e-3], np.geomspace(0.01, 900, 60)])
+    with mp.workdps(40):
+
+        def exact(d):
+            if n is None:
+                return gammainc(mpf(bands) / 2, mpf(d) / 2, mp.inf, regularized=True)
+            w = mpf(d) * n / (mpf(n) ** 2 - 1)
+            return betainc(mpf(n - bands) / 2, mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
+
+        expected = np.array([float(exact(float(d))) for d in scores])
+    np.testing.assert_allclose(threshold.p_value(scores, bands, n), expected, rtol=1e-6)
+    assert np.isnan(threshold.p_value(np.array([np.nan, 1.0]), bands, n)).tolist() == [True, False]
+
+
 def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
     out, saved = tmp_path / "out.tif", tmp_path / "sea.json"
     assert rxdetect("score", scene, out, "-b", "red,nir,blue", "--save-background", saved).code == 0
