@@ -31,6 +31,8 @@ _TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or 
 _ENOUGH = 10
 """Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
 _POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
+_SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
+"""Of the spline through the p-values: how far it goes, nodes, and the least p-value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +171,24 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     w = distance * (n / (n * n - 1))
     half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
     return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
+
+
+def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
+    """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
+
+    A cubic spline through its logarithm, a smooth function of the square root of the score, where the p-value is above
+    1e-290. It is the same for any cut into tiles.
+    """
+    from scipy.interpolate import CubicSpline
+
+    root = np.sqrt(np.maximum(np.asarray(scores, np.float64), 0))
+    nodes = np.linspace(0, _SPLINE_END, _SPLINE_NODES)
+    values = p_value(nodes**2, bands, n)
+    reached = values > _SPLINE_LEAST
+    found = np.exp(CubicSpline(nodes[reached], np.log(values[reached]))(root))
+    beyond = root > nodes[reached][-1]
+    found[beyond] = p_value(root[beyond] ** 2, bands, n)
+    return np.asarray(found)
 
 
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:

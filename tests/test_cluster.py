@@ -75,7 +75,7 @@ def assert_same(one, other, names=("out.tif", "f.tif", "a.tif")):
 
 
 def said(folder):
-    found = json.loads((folder / "out.tif.json").read_text().replace(str(folder), ""))
+    found = json.loads((folder / "out.tif.json").read_text())
     return {k: v for k, v in found.items() if k not in ("seconds", "output", "cluster")}
 
 
@@ -114,10 +114,13 @@ def test_a_worker_killed_in_mid_run_changes_nothing(cluster, scene, tmp_path, st
     ids=["water", "ledoit-wolf", "local"],
 )
 def test_scores_are_the_same(cluster, scene, tmp_path, recipe):
+    p_value = {"p_value": "p.tif"} if recipe.pfa else {}
+    names = ["out.tif", *p_value.values()]
     for folder, options in (("threads", {}), ("workers", {"cluster": cluster})):
         (tmp_path / folder).mkdir()
-        score_file(scene, tmp_path / folder / "out.tif", recipe, flags=tmp_path / folder / "f.tif", **options)
-    assert_same(tmp_path / "threads", tmp_path / "workers", ["out.tif", "f.tif"])
+        outputs = {k: tmp_path / folder / v for k, v in p_value.items()}
+        score_file(scene, tmp_path / folder / "out.tif", recipe, **outputs, **options)
+    assert_same(tmp_path / "threads", tmp_path / "workers", names)
     assert said(tmp_path / "threads") == said(tmp_path / "workers")
 
 

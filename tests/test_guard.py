@@ -159,7 +159,7 @@ def test_a_report_never_replaces_what_is_judged(capfd, scene, write, monkeypatch
     "arguments",
     [("v.vrt", "src.tif"), ("src.tif", "o.tif", "--mask", "m.tif", "--flags", "m.tif"),
      ("src.tif", "o.tif", "--background", "s.geojson", "--pfa", "0.01", "--objects", "s.geojson"),
-     ("src.tif", "o.tif", "--flags", "link.tif")],
+     ("src.tif", "o.tif", "--p-value", "link.tif")],
 )  # fmt: skip
 def test_scores_never_replace_what_is_read(capfd, scene, monkeypatch, arguments):
     monkeypatch.chdir(scene)

@@ -15,7 +15,7 @@ OPTION_GROUPS = {
     "Details of the fit": ("regression", "tolerance", "floor_percentile", "nir_use", "rrs_factor"),
     "Input": (),
     "Output": (
-        "flags", "amount", "stderr", "picture", "objects", "save_model", "save_sample", "save_background",
+        "flags", "amount", "stderr", "picture", "p_value", "objects", "save_model", "save_sample", "save_background",
         "dtype", "options", "chips", "directory", "table", "overwrite", "dry_run",
     ),
     "Processing": ("threads", "jobs", "cluster", "workers", "worker_memory"),

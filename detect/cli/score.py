@@ -82,6 +82,8 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
               help="Parts that are at most so far apart are one object.")
+@click.option("--p-value", type=options.FILE, metavar="FILE",
+              help="Write the probability of such a score over a normal background.")
 @click.option("--flags", type=options.FILE, metavar="FILE",
               help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
               "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "
@@ -119,7 +121,7 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if f.name in given})
         result = score_file(
             list(inputs), output, recipe, **options.opening(given), threads=given["threads"], cluster=cluster,
-            progress=console.progress, flags=given["flags"], objects=given["objects"],
+            progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
             background=given["save_background"], chips=given["chips"], overwrite=given["overwrite"],
             options=given["options"],
         )

@@ -120,6 +120,7 @@ class Outputs:
     """Files to write, and how."""
 
     image: Path  # the scores; the sidecar is this with ".json" appended
+    p_value: Path | None = None  # raster of p-values
     flags: Path | None = None  # raster of `detect.pipeline.scoring.MEANINGS`
     objects: Path | None = None  # detected objects, GeoJSON or GeoPackage
     background: Path | None = None  # the fitted background
@@ -136,6 +137,8 @@ class Outputs:
             (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
             (self.objects and self.objects.suffix.lower() not in SUFFIXES,
              f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),
+            (self.p_value and not recipe.kind.law,
+             f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx."),
             (self.background and recipe.kind.matrices is None,
              (f"{recipe.method} has a background for every pixel, none to save. Leave out --save-background, or take "
              "--method rx.")),
@@ -150,5 +153,5 @@ class Outputs:
 
     def every(self) -> list[Path]:
         """All files that will be written."""
-        extra = (self.flags, self.objects, self.background)
+        extra = (self.p_value, self.flags, self.objects, self.background)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

@@ -46,7 +46,7 @@ log = logging.getLogger(__name__)
 
 READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
 """Keywords of `score_file` that go to `deglint.open_scene`."""
-FILES = ("flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
+FILES = ("p_value", "flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
 AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
 """Glint removals that subtract a multiple of the NIR from each band."""
 _MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
@@ -101,8 +101,8 @@ def score_file(
     cluster : Cluster, optional
         Workers in place of threads, as in `deglint.remove_glint`; the result is the same to the bit.
     **options
-        sensor, nodata, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, objects, background,
-        chips, overwrite, options: see `Outputs`.
+        sensor, nodata, bands, wavelengths, scale, offset: see `deglint.open_scene`; p_value, flags, objects,
+        background, chips, overwrite, options: see `Outputs`.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def score_file(
         named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(reading.get("sensor") or "")}
         reads = {"the input": [*given, *files], **{option: [name] for option, name in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
-        check_images(targets.image, targets.flags)
+        check_images(targets.image, targets.flags, targets.p_value)
         # before the files are opened, so that a change during the run is detected
         checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
@@ -145,8 +145,8 @@ def _run(
     """Fit, score, mark objects and write all files of an open scene."""
     begun = time.perf_counter()
     log_scene(scene)
-    if recipe.method == "auto" and targets.background:
-        recipe = replace(recipe, method="rx")  # the default detector that has a background
+    if recipe.method == "auto" and (targets.p_value or targets.background):
+        recipe = replace(recipe, method="rx")  # the default detector that has both outputs
     if recipe.moving:
         delayed_bands(scene)  # raises before the long work if the times of the bands are not known
     plan = make_plan(scene, recipe, threads)
@@ -198,7 +198,7 @@ def _write_tiles(
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, keep, bool(targets.flags), lines)
+    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
     tally, tails = PixelCounts(), list[Tail]()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     with writing_all(scratch, _images(plan, targets)) as writers:
@@ -226,6 +226,8 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
         info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
     )
     images = {"scores": (targets.image, base)}
+    if targets.p_value:
+        images["p_values"] = targets.p_value, replace(base, names=("p-value",))
     if targets.flags:
         images["flags"] = targets.flags, replace(base, dtype="uint8", nodata=None, names=("flags",), flags=MEANINGS)
     return images

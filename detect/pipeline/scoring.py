@@ -9,6 +9,7 @@ import numpy as np
 from deglint.tiles import Tile
 
 from .. import sea
+from .. import threshold as cutting
 from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
@@ -56,6 +57,7 @@ class Scored:
     scores: Float32
     tally: PixelCounts
     tail: Tail | None = None
+    p_values: Float32 | None = None
     flags: Uint8 | None = None
     beside: dict[int, Places] = field(default_factory=dict)
 
@@ -66,6 +68,7 @@ class Scoring:
 
     plan: Plan
     keep: int = 0  # highest scores that a tile returns
+    want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
 
@@ -90,14 +93,16 @@ class Scoring:
             scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
         tail = Tail.of(found, self.keep) if self.keep else None
-        flags = None
+        p_values = flags = None
+        if self.want_p and plan.law:
+            p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
             if states is not None:
                 marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
-        return Scored(found, _count(found, mask, states), tail, flags)
+        return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
     def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
         """Read and score a tile of the sea, and count its pixels by class."""
@@ -121,7 +126,7 @@ class Scoring:
         for which in (sea.ALONGSIDE, sea.ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
             beside[which] = rows + tile.row0, columns + tile.col0, scores[rows, columns]
-        return Scored(scores, tally, tail, flags, beside)
+        return Scored(scores, tally, tail, None, flags, beside)
 
 
 def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:

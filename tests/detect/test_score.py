@@ -101,6 +101,13 @@ def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
     assert first["area_m2"] == pytest.approx(100 * first["pixels"], rel=0.01)
 
 
+def test_p_values(rxdetect, scene, tmp_path):
+    out, p = tmp_path / "out.tif", tmp_path / "p.tif"
+    assert rxdetect("score", scene, out, "--p-value", p).code == 0
+    expected = threshold.p_value(scores_of(out), 4, 200 * 230 - 100)
+    np.testing.assert_allclose(scores_of(p), expected, rtol=1e-7, atol=1e-40)
+
+
 def test_flags_of_global_scores(rxdetect, scene, tmp_path):
     out, marked = tmp_path / "out.tif", tmp_path / "flags.tif"
     options = ["--mask", "0,0,230,150", "--background", "0,0,100,200", "--flags", marked]
@@ -137,7 +144,7 @@ def test_flags_of_local_scores_in_any_tiling(rxdetect, tmp_path, sea, write):
 
 
 @pytest.mark.parametrize(("bands", "n"), [(1, 3), (1, None), (2, 40), (5, 416), (8, 10**7), (8, None), (33, 60)])
-def test_p_values_against_mpmath(bands, n):
+def test_fast_p_values_against_mpmath(bands, n):
     from mpmath import betainc, gammainc, mp, mpf
 
     scores = np.concatenate([[0.0, 1e-9, 1e-3], np.geomspace(0.01, 900, 60)])
@@ -150,8 +157,8 @@ def test_p_values_against_mpmath(bands, n):
             return betainc(mpf(n - bands) / 2, mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
 
         expected = np.array([float(exact(float(d))) for d in scores])
-    np.testing.assert_allclose(threshold.p_value(scores, bands, n), expected, rtol=1e-6)
-    assert np.isnan(threshold.p_value(np.array([np.nan, 1.0]), bands, n)).tolist() == [True, False]
+    np.testing.assert_allclose(threshold.fast_p_value(scores, bands, n), expected, rtol=1e-6)
+    assert np.isnan(threshold.fast_p_value(np.array([np.nan, 1.0]), bands, n)).tolist() == [True, False]
 
 
 def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
@@ -231,6 +238,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
     ("options", "code", "message"),
     [
         (["--objects", "o.geojson"], 1, "give --pfa"),
+        (["--method", "utd", "--p-value", "p.tif"], 1, "follow no known law"),
         (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold gpd or empirical"),
         (["--method", "local", "--covariance", "mcd"], 1, "take --covariance empirical or ridge"),
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
@@ -246,7 +254,7 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--background", "5000,5000,5,5"], 1, "lies off the scene"),
         (["--background", "0,0,5,5"], 1, "0 valid pixels"),
         (["--mask", "0,0,5,5", "--background", "100,100,50,50"], 1, "0 valid pixels"),
-        (["--flags", "out.tif"], 1, "two outputs have the same name"),
+        (["--p-value", "out.tif"], 1, "two outputs have the same name"),
         (["--nodata", "nonsense"], 2, "not a number"),
     ],
 )
