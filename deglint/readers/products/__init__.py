@@ -10,14 +10,14 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo
 from ..grid import Footprints
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .metadata import Container, is_archive, open_archive, open_folder
+from .metadata import Container, MetadataError, is_archive, open_archive, open_folder
 from .product import Product, described
 
 PRODUCTS: dict[str, Any] = {
@@ -151,8 +151,16 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: Any, container: Container) -> Product | None:
-    """The product of a family in a container, with the names of the metadata files that were read."""
-    found = family.find(container)
+    """The product of a family in a container, with the names of the metadata files that were read.
+
+    An image that is named itself is opened without its metadata if these are damaged.
+    """
+    try:
+        found = family.find(container)
+    except MetadataError:
+        if not re.fullmatch(family.IMAGES, PurePosixPath(container.named or "").name, re.IGNORECASE):
+            raise
+        return None
     read = tuple(container.gdal(member) for member in dict.fromkeys(container.was_read))
     return None if found is None else replace(found, texts=read)
 

@@ -37,19 +37,15 @@ def find(container: Container) -> Product | None:
         for n in container.find(METADATA)
         if named in (None, n) or re.fullmatch(IMAGES, PurePosixPath(named or "").name, re.I)
     ]
-    found, damaged = [], list[str]()
+    found = []
     for member in files:
-        root = container.tree(member, damaged)
-        if root is None:
-            continue
+        root = container.tree(member)
         tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
         if named and named not in (member, *(container.beside(member, t) for t in tiles)):
             continue
         if (said_number(root, ".//Raster_Dimensions/NBANDS") or 0) > 1 or named:
             found.append((member, root, tiles))
     if not found:
-        if damaged and (named is None or named in files):
-            raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
         return None
     if len(found) > 1:
         raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))

@@ -42,9 +42,7 @@ def find(container: Container) -> Product | None:
         raise container.several("PlanetScope images", map(last, images))
     ((image, match),) = images.items()
     root, notes = ET.Element("scene"), list[str]()
-    for member in (n for n in container.find(METADATA) if last(n).startswith(match["scene"])):
-        found = container.tree(member, notes, ", and is not used. Download it again")
-        root.extend([] if found is None else [found])
+    root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
     factors, surface = _factors(root), match["surface"] is not None
     eight = "_8b" in match["rest"].lower() or len(factors) == 8
     instrument = said(root, ".//Instrument/shortName", ".//instrument")

@@ -46,9 +46,8 @@ def find(container: Container) -> Product | None:
     granules = {_granule(n) for n in images} - {""}
     if len(granules) > 1:
         raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
-    root, notes = container.metadata(
-        metadata, "MTD_MSIL1C.xml or MTD_MSIL2A.xml", _AS_STORED, "Product_Image_Characteristics"
-    )
+    root = container.tree(metadata[0], "Product_Image_Characteristics") if metadata else None
+    notes = [] if metadata else [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {_AS_STORED}"]
     single = container.named in images
     chosen, left = _chosen(images, single=single)
     if left:
@@ -65,7 +64,7 @@ def find(container: Container) -> Product | None:
     facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
              "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, next(iter(granules), ""), notes)
+    tags |= _angles(container, next(iter(granules), ""))
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
@@ -151,12 +150,12 @@ def _mask(container: Container, band: str, file: str) -> str | None:
     return next(map(container.gdal, fits), None)
 
 
-def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
+def _angles(container: Container, granule: str) -> dict[str, str]:
     """Directions of sun and satellite, seen from the ground: means over the tile, and over the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
-    root = container.tree(member, notes, ": the angles of sun and satellite are not known")
-    if root is None:
+    if member is None:
         return {}
+    root = container.tree(member)
     sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
     zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
     return tags_of(
