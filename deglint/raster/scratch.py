@@ -171,12 +171,9 @@ def _discard(*paths: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def free_bytes(directory: Path) -> int | None:
-    """Free bytes on a disk; None where not available."""
-    try:
-        return shutil.disk_usage(directory).free
-    except OSError:
-        return None
+def free_bytes(directory: Path) -> int:
+    """Free bytes on a disk."""
+    return shutil.disk_usage(directory).free
 
 
 @contextlib.contextmanager
@@ -188,8 +185,7 @@ def write_errors(target: Path) -> Iterator[None]:
         raise
     except gdal_errors(OSError) as error:
         text = " ".join(map(str, (error, error.__cause__, error.__context__)))
-        free = free_bytes(target.parent)
-        if "No space left" in text or (free is not None and free < 1 << 20):
+        if "No space left" in text or free_bytes(target.parent) < 1 << 20:
             why = f"the disk is full ({target.parent}); free some space"
         elif isinstance(error, ReadError) or DISK_FULL in text or "rite error" in text:
             why = DISK_FULL  # a ReadError: what was just written cannot be read again

@@ -1,8 +1,7 @@
 """Pixels of one raster, or of several on one grid, for any number of threads.
 
 A `RasterSource` opens its files at the first read. Each reading thread uses its own handle; handles are kept in a pool
-for the next reader and are closed by `close`, or at the end of a `with` block. GDAL's block cache is left as the
-caller's `rasterio.Env` sets it: an Env belongs to a thread, so a worker thread enters its own. No pixel is cached.
+for the next reader and are closed by `close`, or at the end of a `with` block.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ class FileBands:
     path: str  # GDAL name
     indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
     nodatas: tuple[float | None, ...]  # value that says "not valid", one a band
-    dataset_mask: bool = False  # the file has one mask for all bands
-    band_masks: bool = False  # the file has one mask a band
+    masked: bool = False  # the file has a mask, of all bands or of each
     alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
     flat: FlatField | None = None  # corrects the numbers as they are read
     warp: Mapping[str, Any] | None = field(default=None, repr=False)  # how rasterio's WarpedVRT puts it on the grid
@@ -41,13 +39,11 @@ class FileBands:
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
         """All bands of one described file; `nodatas` override those of `info`."""
-        flags = {flag for flags in info.mask_flags for flag in flags}
         return cls(
             path=info.paths[0],
             indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
             nodatas=tuple(info.nodatas if nodatas is None else nodatas),
-            dataset_mask="per_dataset" in flags and "alpha" not in flags,
-            band_masks=any(not f for f in info.mask_flags),
+            masked=any(not flags or ("per_dataset" in flags and "alpha" not in flags) for flags in info.mask_flags),
             alpha=info.alpha,
             flat=info.flat,
         )
@@ -75,12 +71,6 @@ class RasterSource:
 
     `files` are in scene order; `info` has the properties of the scene's bands. It can be pickled; the copy opens the
     files again.
-
-    Examples
-    --------
-    >>> with open_scene("scene.tif").source as source:  # doctest: +SKIP
-    ...     raw, valid = source.read_raw(((0, 256), (0, 256)))
-    ...     physical = source.to_physical(raw, valid)
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
@@ -257,20 +247,16 @@ class ArraySource(RasterSource):
 
 
 def _open(file: FileBands) -> Any:
-    dataset = open_dataset(file.path)
-    if file.warp is None:
-        return dataset
     from rasterio.vrt import WarpedVRT
 
-    return WarpedVRT(dataset, **file.warp)
+    dataset = open_dataset(file.path)
+    return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
 
 
 def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:
     valid = is_valid(raw, [file.nodatas[b] for b in bands])
     masks = []
-    if file.dataset_mask:
-        masks.append(dataset.read_masks(1, window=window)[np.newaxis] != 0)
-    elif file.band_masks:
+    if file.masked:
         masks.append(dataset.read_masks([file.indexes[b] for b in bands], window=window) != 0)
     if file.alpha is not None:
         masks.append(dataset.read(file.alpha, window=window)[np.newaxis] != 0)

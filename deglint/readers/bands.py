@@ -194,13 +194,12 @@ def match(
 
 
 def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
+    why = "the wavelengths in the file are not those of the preset"
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
     elif not product:
         counts = " or ".join(map(str, sensor.counts))
         why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
-    else:
-        why = "the wavelengths in the file are not those of the preset"
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
         f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..raster.info import describe_file
-from ..scene import FloatArray, Scene, Window
+from ..scene import Scene
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
@@ -143,49 +140,37 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
     return RasterSource([file], replace(placed, nodatas=file.nodatas))
 
 
-@dataclass(frozen=True)
-class Footprints:
-    """Detector number of each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
+def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
+    """Detector number of each pixel of each band on the grid of the scene, NaN without a detector.
 
-    They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
-    Files are opened when they are first read. It can be pickled.
+    `paths` are GDAL names of Sentinel-2's MSK_DETFOO of each band: rasters in products since baseline 04.00; the GML of
+    older ones is not read.
     """
+    count = len(paths)
+    info = replace(grid, paths=tuple(paths), dtypes=("uint8",) * count, nodatas=(0.0,) * count)
+    warp = _onto(grid, "nearest") | {"src_nodata": 0, "nodata": 0}
+    files = [FileBands(path, (1,), (0.0,), warp=warp) for path in paths]
+    return RasterSource(files, replace(info, scales=(1.0,) * count, offsets=(0.0,) * count))
 
-    paths: tuple[str | None, ...]  # GDAL name of the mask of each band of the scene; None where there is none
-    grid: RasterInfo  # of the scene
-    _sources: dict[str, RasterSource] = field(default_factory=dict, compare=False, repr=False)
 
-    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN for pixels without a detector."""
-        (top, bottom), (left, right) = window
-        out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
-        for i, band in enumerate(bands):
-            if (path := self.paths[band]) is not None:
-                source = self._sources.get(path) or nearest_on(describe_file(path), self.grid, nodata=0.0)
-                out[i] = self._sources.setdefault(path, source).read(window, [0])[0]
-        return out
+def _onto(grid: RasterInfo | Scene, how: str) -> dict[str, Any]:
+    """Options of a WarpedVRT that resamples a file to a grid."""
+    from rasterio.enums import Resampling
 
-    def close(self) -> None:
-        """Close the masks' files."""
-        while self._sources:
-            self._sources.popitem()[1].close()
+    place = {"crs": grid.crs or _anywhere(), "transform": _transform(grid), "height": grid.height, "width": grid.width}
+    return place | {"resampling": Resampling[how], "tolerance": 0.01}
+
+
+def _anywhere() -> Any:
+    """A CRS that stands for "the same plane" where files have none."""
+    from rasterio.crs import CRS
+
+    return CRS.from_epsg(3857)
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
-    from rasterio.crs import CRS
-    from rasterio.enums import Resampling
-
-    anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
     file = replace(file, flat=None)  # it holds for the file's own pixels
-    warp: dict[str, Any] = {
-        "src_crs": info.crs or anywhere,
-        "crs": reference.crs or anywhere,
-        "transform": _transform(reference),
-        "height": reference.height,
-        "width": reference.width,
-        "resampling": Resampling[how],
-        "tolerance": 0.01,
-    }
+    warp = _onto(reference, how) | {"src_crs": info.crs or _anywhere()}
     if info.transform is None:
         warp["src_transform"] = _transform(info)
     floating = "float" in info.dtypes[0]
@@ -193,8 +178,8 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     if declared is not None:
         warp |= {"src_nodata": declared, "nodata": declared}
         nodatas = tuple(declared for _ in file.nodatas)
-        return replace(file, warp=warp, nodatas=nodatas, dataset_mask=False, band_masks=False)
+        return replace(file, warp=warp, nodatas=nodatas, masked=False)
     if file.alpha is None:
         file = replace(file, alpha=info.count + 1)
         warp["add_alpha"] = True
-    return replace(file, warp=warp, dataset_mask=False, band_masks=False)
+    return replace(file, warp=warp, masked=False)

@@ -88,28 +88,31 @@ def open_scene(
     (6,)
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
-    _check(paths, sensor, nodata, grid)
-    preset = None if sensor is None else os.fspath(sensor)
+    if not paths:
+        raise InputError("want at least one file to open, got none")
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
+    preset = None if sensor is None else as_path(sensor, "sensor")
     scene = _stacked(paths, preset, nir, nodata, grid, Stated.of(bands, wavelengths, scale, offset))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
 def _stacked(
     paths: Sequence[str],
-    sensor: str | None,
+    preset: str | None,
     nir: Wanted | None,
     nodata: float | str | None,
     grid: str | int | None,
     stated: Stated,
 ) -> Scene:
     notes: list[str] = []
-    opened = _opened(paths, sensor, nir, stated, notes)
+    opened = _opened(paths, preset, nir, stated, notes)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = stated.on(_together(infos, reference))
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
-    found, preset, told = bands_of(info, stems, sensor)
-    if len(infos) > 1 or sensor is not None or stated.count:
+    found, known, told = bands_of(info, stems, preset)
+    if len(infos) > 1 or preset is not None or stated.count:
         info = labelled(info, found)
     return Scene(
         bands=tuple(found),
@@ -119,23 +122,11 @@ def _stacked(
         path=", ".join(paths),
         crs=info.crs,
         transform=info.transform,
-        sensor=preset,
+        sensor=known,
         notes=(*notes, *moved, *told),
         product=products.named(opened),
         footprints=products.footprints(opened, reference),
     )
-
-
-def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:
-    """Check the types of the options before a file is opened."""
-    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
-    if not paths:
-        raise InputError("want at least one file to open, got none")
-    if sensor is not None and not isinstance(sensor, (str, os.PathLike)):
-        raise InputError(f"sensor: want the name of a preset or of a file that ends in .toml, got {described(sensor)}.")
-    if grid is not None and (isinstance(grid, bool) or not isinstance(grid, (str, int))):
-        raise InputError(f"grid: want 'finest', or a file by its number (from 1) or name, got {described(grid)}.")
 
 
 def _opened(

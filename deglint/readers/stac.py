@@ -44,9 +44,7 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """The file's description with the properties from the Item; scale, offset and nodata of the file take
-        precedence.
-        """
+        """The file's description with the properties from the Item; those of the file take precedence."""
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))

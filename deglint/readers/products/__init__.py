@@ -14,8 +14,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...errors import DeglintError, ReadError
-from ...raster import RasterInfo
-from ..grid import Footprints
+from ...raster import RasterInfo, RasterSource
+from ..grid import footprints_on
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
 from .metadata import Container, MetadataError, is_archive, open_archive, open_folder
 from .product import Product, described
@@ -81,15 +81,12 @@ def named(found: Sequence[OpenedFiles]) -> str | None:
     return "; ".join(every) or None
 
 
-def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
-    """Detector numbers of the opened bands on the grid of their scene; None if no band has any."""
-    paths: list[str | None] = []
-    for o in found:
-        stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
-        for info, bands in zip(o.infos, stated, strict=True):
-            paths += [bands[i].footprint if i < len(bands) else None for i in range(info.count)]
-    absolute = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
-    return Footprints(absolute, grid) if any(paths) else None
+def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource | None:
+    """Detector numbers of the opened bands on the grid of their scene; None if a band has none."""
+    bands = [band for o in found for band in (o.product.bands if o.product else ())]
+    paths = [band.footprint for band in bands if band.footprint]
+    whole = len(paths) == sum(info.count for o in found for info in o.infos)
+    return footprints_on(grid, paths) if whole and paths else None
 
 
 def find(path: str) -> Product | None:
