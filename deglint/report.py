@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .notebook import level, stretch
 from .raster import FileBands, RasterSource
-from .raster.info import describe, open_dataset
+from .raster.info import describe_file
 from .remove import GlintModel
 from .scene import Scene
 from .tiles import tile_shape, tiles
@@ -28,8 +28,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     import cv2
 
     bands = _rgb(scene, model)
-    with open_dataset(str(result)) as dataset:
-        info = describe(dataset, str(result), alpha_is_band=True)
+    info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
         before, after = (_thinned(source, scene, bands) for source in (cast(RasterSource, scene.source), corrected))
     low = level(after, 1)

@@ -200,10 +200,10 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     return info
 
 
-def describe_file(path: str) -> RasterInfo:
-    """Properties of a file; no pixel is read."""
+def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
+    """Properties of a file, as `describe`."""
     with open_dataset(path) as dataset:
-        return describe(dataset, path)
+        return describe(dataset, path, alpha_is_band=alpha_is_band)
 
 
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:

@@ -180,12 +180,8 @@ def match(
         if all(by_wavelength):
             return by_wavelength, "wavelength"
     product = sensor.product(len(bands))
-    far = [
-        b
-        for b, own in zip(bands, product or (), strict=False)
-        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME_BAND
-    ]
-    if not product or far:
+    pairs = zip(bands, product, strict=False)
+    if not product or any(b.wavelength and abs(b.wavelength - own.wavelength) > _SAME_BAND for b, own in pairs):
         raise BandError(_why_not(bands, sensor, product))
     if product == sensor.bands:
         return list(product), "order"

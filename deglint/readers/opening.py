@@ -19,7 +19,7 @@ from ..checks import as_path, check_number, checked_keywords, described
 from ..errors import InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.convert import holds
-from ..raster.info import describe, open_dataset
+from ..raster.info import describe_file
 from ..scene import Scene
 from . import products, stac
 from .bands import bands_of, labelled
@@ -145,13 +145,12 @@ def _opened(
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
     """Description of a file; alpha is a band if it is selected, or if the number of bands requires it."""
-    with open_dataset(path) as dataset:
-        info = describe(dataset, path)
-        if info.alpha is None:
-            return info
-        asked = [] if nir is None else split_wanted(nir)
-        if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
-            return describe(dataset, path, alpha_is_band=True)
+    info = describe_file(path)
+    if info.alpha is None:
+        return info
+    asked = [] if nir is None else split_wanted(nir)
+    if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
+        return describe_file(path, alpha_is_band=True)
     what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
     return info

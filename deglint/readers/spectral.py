@@ -47,8 +47,10 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
-        ((value, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
-        found.append(Spectral(wavelength, _width(value, stated or own_unit)))
+        ((width, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
+        if width is not None:
+            width = nanometres(width, stated or own_unit or ("um" if width < _WIDEST_MICROMETRE else "nm"))
+        found.append(Spectral(wavelength, width))
     return found
 
 
@@ -104,12 +106,8 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
 def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
     named.sort(key=lambda one: not one[0].endswith("_nm"))  # the tags that `with_spectral` writes come first
-    fits = [(value, key.fullmatch(_key(name))) for name, value in named]
+    fits = [(value, key.fullmatch(re.sub(r"[\s\-]+", "_", name.strip().lower()))) for name, value in named]
     return [(value, match) for value, match in fits if match]
-
-
-def _key(name: str) -> str:
-    return re.sub(r"[\s\-]+", "_", name.strip().lower())
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
@@ -120,12 +118,6 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
             rest = value.replace(numbers[0], "").strip(" {}[]()") if count == 1 else ""
             return [(float(n), rest or next(filter(None, match.groups()), "")) for n in numbers]
     return []
-
-
-def _width(value: float | None, unit: str) -> float | None:
-    if value is None:
-        return None
-    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))
 
 
 def nanometres(value: float, unit: str = "") -> float | None:

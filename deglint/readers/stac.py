@@ -119,10 +119,8 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
             f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
             "that are the bands, in a recipe as [input] assets."
         )
-    facts = item.get("properties")
-    facts = facts if isinstance(facts, Mapping) else {}
-    tags = {k: str(facts[k])[:200] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
-    tags |= tags_of(_angles(facts))
+    facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
+    tags = tags_of({k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)} | _angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     chosen = keys or _chosen(assets, what)
     found = []

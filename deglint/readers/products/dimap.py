@@ -7,7 +7,6 @@ holds for reflectance products.
 from __future__ import annotations
 
 import math
-import re
 from pathlib import PurePosixPath
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -32,13 +31,8 @@ UNIT = "W m-2 sr-1 um-1"
 def find(container: Container) -> Product | None:
     """The multispectral product in a folder or archive, or the selected one; None if there is none."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
-    files = [
-        n
-        for n in container.find(METADATA)
-        if named in (None, n) or re.fullmatch(IMAGES, PurePosixPath(named or "").name, re.I)
-    ]
-    found = []
-    for member in files:
+    files, found = container.find(METADATA), []
+    for member in [named] if named in files else files:
         root = container.tree(member)
         tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
         if named and named not in (member, *(container.beside(member, t) for t in tiles)):

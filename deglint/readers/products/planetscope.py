@@ -43,7 +43,8 @@ def find(container: Container) -> Product | None:
     ((image, match),) = images.items()
     root, notes = ET.Element("scene"), list[str]()
     root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
-    factors, surface = _factors(root), match["surface"] is not None
+    surface, nodes = match["surface"] is not None, root.iter("bandSpecificMetadata")
+    factors = {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
     eight = "_8b" in match["rest"].lower() or len(factors) == 8
     instrument = said(root, ".//Instrument/shortName", ".//instrument")
     bands, sensor = _bands(container.gdal(image), eight, instrument)
@@ -66,12 +67,6 @@ def find(container: Container) -> Product | None:
     tags = tags_of({"instrument": instrument, "acquired": when, "view_angle": view_angle} | angles)
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], tuple(bands), sensor, tags, tuple(notes))
-
-
-def _factors(root: ET.Element) -> dict[int, ET.Element]:
-    """What the XML says of each band, by its number from 1."""
-    nodes = root.iter("bandSpecificMetadata")
-    return {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
