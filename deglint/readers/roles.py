@@ -122,16 +122,13 @@ def _no_nir(scene: Scene) -> str:
             "it (deglint remove IN NIR.tif OUT), find targets in it as it is (rxdetect score IN OUT), or plan the next "
             f"flight around glint (deglint plan).{hidden}"
         )
+    remedy = f"Name another band beyond {_WATER:g} nm to follow (--nir NUMBER), or stack a NIR band of the same image"
     if None in known:
-        return (
-            f"no band of {what} is known to be near infrared (750-1050 nm); it has {bands}. Name the bands in their "
-            f'order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a band), --sensor NAME, or '
-            "the NIR alone: --nir NUMBER."
+        remedy = (
+            f'Name the bands in their order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a '
+            "band), --sensor NAME, or the NIR alone: --nir NUMBER"
         )
-    return (
-        f"no near-infrared band (750-1050 nm) in {what}; it has {bands}. Name another band beyond {_WATER:g} nm to "
-        "follow (--nir NUMBER), or stack a NIR band of the same image with it."
-    )
+    return f"no near-infrared band (750-1050 nm) is known in {what}; it has {bands}. {remedy}."
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
