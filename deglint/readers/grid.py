@@ -14,6 +14,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
+from ..raster.info import describe_file
 from ..scene import Scene
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
@@ -146,31 +147,27 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     `paths` are GDAL names of Sentinel-2's MSK_DETFOO of each band: rasters in products since baseline 04.00; the GML of
     older ones is not read.
     """
-    count = len(paths)
-    info = replace(grid, paths=tuple(paths), dtypes=("uint8",) * count, nodatas=(0.0,) * count)
-    warp = _onto(grid, "nearest") | {"src_nodata": 0, "nodata": 0}
-    files = [FileBands(path, (1,), (0.0,), warp=warp) for path in paths]
-    return RasterSource(files, replace(info, scales=(1.0,) * count, offsets=(0.0,) * count))
-
-
-def _onto(grid: RasterInfo | Scene, how: str) -> dict[str, Any]:
-    """Options of a WarpedVRT that resamples a file to a grid."""
-    from rasterio.enums import Resampling
-
-    place = {"crs": grid.crs or _anywhere(), "transform": _transform(grid), "height": grid.height, "width": grid.width}
-    return place | {"resampling": Resampling[how], "tolerance": 0.01}
-
-
-def _anywhere() -> Any:
-    """A CRS that stands for "the same plane" where files have none."""
-    from rasterio.crs import CRS
-
-    return CRS.from_epsg(3857)
+    each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
+    facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
+    joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
+    return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
+    from rasterio.crs import CRS
+    from rasterio.enums import Resampling
+
+    anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
     file = replace(file, flat=None)  # it holds for the file's own pixels
-    warp = _onto(reference, how) | {"src_crs": info.crs or _anywhere()}
+    warp: dict[str, Any] = {
+        "src_crs": info.crs or anywhere,
+        "crs": reference.crs or anywhere,
+        "transform": _transform(reference),
+        "height": reference.height,
+        "width": reference.width,
+        "resampling": Resampling[how],
+        "tolerance": 0.01,
+    }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
     floating = "float" in info.dtypes[0]
