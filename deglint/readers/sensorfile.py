@@ -12,8 +12,7 @@ from ..errors import InputError
 from ..raster import RasterInfo
 from ..scene import Scene
 from ..sensors import Optics, Sensor, SensorBand
-from .products.metadata import number, positive
-from .text import read_toml
+from .text import number, positive, read_toml
 
 _KINDS: Mapping[str, tuple[str, Any]] = {
     "str": ("a text", str),

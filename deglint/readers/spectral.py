@@ -5,7 +5,6 @@ Tags have many spellings. A number without a unit is in micrometres up to 30 and
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..raster import RasterInfo
+from .text import number
 
 _WAVELENGTH = re.compile(r"(?:cent(?:er|re|ral)_?)?wave_?lengths?(?:_(nm|um))?|wl(?:_(nm|um))?")
 _WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
@@ -75,11 +75,7 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
     """Time of a band after the first [s], from its tag `time_offset_s`."""
-    try:
-        value = float(_first(tags, re.compile("time_offset_s"), ""))
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+    return number(_first(tags, re.compile("time_offset_s"), ""))
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
@@ -88,10 +84,10 @@ def saturation(info: RasterInfo, band: int) -> float | None:
     It is given by the tag FULL_SCALE (of the band or of the dataset, as file value). Without one it is the largest
     value of an integer type of up to 16 bits, unless that is nodata; detectors do not fill the range of other types.
     """
-    text = _first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, ""))
-    number, kind = _NUMBER_PATTERN.fullmatch(text.strip()), np.dtype(info.dtypes[band])
-    filled = kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE
-    stored = float(number[0]) if number else float(np.iinfo(kind).max) if filled else None
+    stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
+    kind = np.dtype(info.dtypes[band])
+    if stored is None and kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE:
+        stored = float(np.iinfo(kind).max)
     scale, offset = info.scales[band], info.offsets[band]
     if stored is None or stored == info.nodatas[band] or scale <= 0:
         return None

@@ -19,10 +19,10 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
-from .products.metadata import angle_tags, number, tags_of
+from .products.metadata import angle_tags, tags_of
 from .products.product import ProductBand, filled
 from .spectral import nanometres
-from .text import read_json
+from .text import number, read_json
 
 _REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)

@@ -13,7 +13,8 @@ from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
-from .metadata import Container, angle_tags, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"

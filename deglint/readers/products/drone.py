@@ -22,7 +22,8 @@ import numpy as np
 
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
-from .metadata import Container, MetadataError, number, numbers, positive, tags_of, xml_of
+from ..text import number, numbers, positive
+from .metadata import Container, MetadataError, tags_of, xml_of
 from .product import Product, ProductBand, filled
 
 METADATA = r"(?!)"  # each file has its own

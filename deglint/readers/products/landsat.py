@@ -11,7 +11,8 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
-from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"

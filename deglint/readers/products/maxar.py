@@ -13,7 +13,8 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .metadata import Container, MetadataError, last, positive, said, tags_of
+from ..text import positive
+from .metadata import Container, MetadataError, last, said, tags_of
 from .product import Product, ProductBand
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"

@@ -19,6 +19,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from ...errors import InputError, ReadError
+from ..text import number
 
 MOST_MEMBERS = 20_000
 """Most members of a folder that are listed: a folder that is no product may be large."""
@@ -183,27 +184,6 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
         elif value != "(":
             found.setdefault(inside[-1], {})[name.upper()] = value
     return found
-
-
-def number(value: Any) -> float | None:
-    """A finite number, or None."""
-    try:
-        found = float(value)
-    except (TypeError, ValueError):
-        return None
-    return found if math.isfinite(found) else None
-
-
-def positive(value: Any) -> float | None:
-    """A finite number above 0, or None."""
-    found = number(value)
-    return found if found is not None and found > 0 else None
-
-
-def numbers(text: str | None) -> list[float]:
-    """The numbers in a text, separated by blanks or commas; empty if any is not a number."""
-    found = [number(part) for part in (text or "").replace(",", " ").split()]
-    return [] if None in found else [n for n in found if n is not None]
 
 
 def said(node: ET.Element | None, *paths: str) -> str:

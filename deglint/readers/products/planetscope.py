@@ -12,7 +12,8 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
@@ -31,11 +32,11 @@ def find(container: Container) -> Product | None:
     """The product in a folder or archive; None if there is none."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
-    if named and named not in images:
+    if named in images:
+        images = {named: images[named]}
+    elif named:
         stem = re.sub(r"(_[13][AB]_AnalyticMS.*)?_metadata.*$", "", last(named), flags=re.IGNORECASE)
         images = {n: match for n, match in images.items() if last(n).startswith(stem)}
-    elif named:
-        images = {named: images[named]}
     if not images:
         return None
     if len(images) > 1:

@@ -13,7 +13,8 @@ from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from .metadata import Container, angle_tags, last, numbers, positive, said, said_number, tags_of
+from ..text import numbers, positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
