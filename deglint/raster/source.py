@@ -7,6 +7,7 @@ for the next reader and are closed by `close`, or at the end of a `with` block.
 from __future__ import annotations
 
 import copy
+import math
 import os
 import threading
 import time
@@ -49,23 +50,6 @@ class FileBands:
         )
 
 
-class Budget:
-    """Limit of what `deglint info` reads of a scene: number of windows (about one per tile), and time [s]."""
-
-    def __init__(self, seconds: float, reads: int) -> None:
-        self.seconds, self.reads = seconds, reads
-        self.done = self.pixels = 0
-        self.over = False
-        self._begun = time.monotonic()
-
-    def spend(self, pixels: int) -> None:
-        """Count a window; raise ReadError if the limit is exceeded."""
-        if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
-            self.over = True
-            raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")
-        self.done, self.pixels = self.done + 1, self.pixels + pixels
-
-
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
@@ -79,7 +63,8 @@ class RasterSource:
         self._start()
 
     def _start(self) -> None:
-        self.budget: Budget | None = None
+        self.deadline = math.inf  # reads later than this time of time.monotonic() are an error [s]
+        self.pixels_read = 0
         self._lock = threading.Lock()
         self._idle: list[list[Any]] = []
         self._closed = False
@@ -163,8 +148,9 @@ class RasterSource:
             )
         from rasterio.env import env_ctx_if_needed
 
-        if self.budget is not None:
-            self.budget.spend((bottom - top) * (right - left))
+        if time.monotonic() > self.deadline:
+            raise ReadError(f"{self.info.paths[0]} could not be read to its end in the given time")
+        self.pixels_read += (bottom - top) * (right - left)
         try:
             with env_ctx_if_needed(), self._datasets() as datasets:
                 return self._stacked(datasets, window, bands)
