@@ -287,8 +287,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     except DeglintError as error:
         out["reason"] = str(error) if time.monotonic() <= deadline else (
             f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the environment "
-            "variable DEGLINT_INFO_SECONDS, or name a --sample"
+            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
+            "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
         )  # fmt: skip
         return out
     finally:

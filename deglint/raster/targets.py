@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NoReturn
 
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, open_dataset
@@ -127,14 +126,11 @@ def check_images(*paths: Path | None) -> None:
     """Check that the names of GeoTIFFs have not the ending of another format; None is skipped."""
     for path in paths:
         if path is not None and path.suffix.lower() in OTHER_FORMATS:
-            _wrong_name(path, "a GeoTIFF", ".tif")
+            check_ending(path, "a GeoTIFF", ".tif")
 
 
 def check_ending(path: Path | None, what: str, *endings: str) -> None:
     """Check that a name, if there is one, has one of the endings of `what` is written."""
     if path is not None and path.suffix.lower() not in endings:
-        _wrong_name(path, what, endings[0])
-
-
-def _wrong_name(path: Path, what: str, ending: str) -> NoReturn:
-    raise WriteError(f"{path} would hold {what}, not what its name says. Name it {path.with_suffix(ending).name}.")
+        name = path.with_suffix(endings[0]).name
+        raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")

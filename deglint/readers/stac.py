@@ -69,9 +69,9 @@ def files_of(name: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: a STAC Item and its bands, those of a product, else the name itself."""
     try:
         assets = assets_of(name)
+        found = tuple(file for asset in assets for file in products.files_of(asset.path))
     except DeglintError:  # said where it is opened
         return (name,)
-    found = tuple(file for asset in assets for file in products.files_of(asset.path))
     return found if assets == [Asset(name)] else (name.partition("#")[0], *found)
 
 

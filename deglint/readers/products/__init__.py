@@ -108,25 +108,20 @@ def find(path: str) -> Product | None:
 
 def name_of(path: str) -> str | None:
     """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
-    product = _sound(path) if _may_be_product(_local(path)) else None
+    try:
+        product = find(path) if _may_be_product(_local(path)) else None
+    except DeglintError:  # said where it is opened
+        return None
     return product.name if product else None
 
 
 def files_of(path: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: images, footprints and metadata of a product, else the name itself."""
-    product = _sound(path)
+    product = find(path)
     if product is None:
         return (path,)
     footprints = (band.footprint for band in product.bands if band.footprint)
     return tuple(dict.fromkeys((*product.files, *footprints, *product.texts)))
-
-
-def _sound(path: str) -> Product | None:
-    """The product behind a name; None also where it is damaged, which is said where it is opened."""
-    try:
-        return find(path)
-    except DeglintError:
-        return None
 
 
 def _local(path: str) -> Path | None:
