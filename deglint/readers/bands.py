@@ -157,11 +157,9 @@ def apply_sensor(
         known = {name: getattr(own, name) for name in facts if getattr(band, name) is None}
         filled.append(replace(band, name=own.name if own and i in unnamed else band.name, **known))
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
-    without = [b.name for b, own in zip(bands, matched, strict=True) if own is None]
-    if without:
+    if without := [b.name for b, own in zip(bands, matched, strict=True) if own is None]:
         notes.append(f"{sensor.name} has no band {', '.join(without)}")
-    offsets = [b.time_status for b in matched if b is not None and b.time_offset is not None]
-    if sensors.UNVERIFIED in offsets:
+    if sensors.UNVERIFIED in [b.time_status for b in matched if b is not None and b.time_offset is not None]:
         notes.append(f"some time offsets of {sensor.name} are not verified")
     if sensor.wavelength_status == sensors.UNVERIFIED:
         notes.append(f"the wavelengths of {sensor.name} are not verified")
@@ -205,8 +203,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     """The band of a preset with a name: by name or alias, without prefixes such as "sr_", or by code."""
-    answers = [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]
-    if answers:
+    if answers := [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
     code = band_code(name)
     fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]

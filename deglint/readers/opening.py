@@ -258,8 +258,7 @@ def _names(given: Names | None) -> tuple[str, ...]:
             f"--bands {','.join(names)}: --bands gives bands their names, such as --bands "
             f'"{example_names(len(names))}". To choose bands by number, use -b {",".join(names)}.'
         )
-    twice = [n for i, n in enumerate(names) if n.casefold() in [m.casefold() for m in names[:i]]]
-    if twice:
+    if twice := [n for i, n in enumerate(names) if n.casefold() in [m.casefold() for m in names[:i]]]:
         raise InputError(f"--bands gives two bands the name {twice[0]!r}. Give each its own.")
     return names
 

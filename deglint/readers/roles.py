@@ -174,8 +174,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     code, codes = band_code(str(item)) or band_code(f"b{text}"), [band_code(n) for n in scene.names]
     if code is not None and codes.count(code) == 1:
         return codes.index(code)
-    index = _by_role(scene, text)
-    if index is not None:
+    if (index := _by_role(scene, text)) is not None:
         return index
     hint = nearest(text, [*scene.names, *_ROLES])
     raise BandError(

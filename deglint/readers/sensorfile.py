@@ -96,6 +96,5 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
-    missing = [key for key in needed if key not in entry]
-    if missing:
+    if missing := [key for key in needed if key not in entry]:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

@@ -113,8 +113,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
     """The assets of an Item that are its bands, selected by `keys` if given."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
-    missing = [k for k in keys if k not in assets]
-    if missing:
+    if missing := [k for k in keys if k not in assets]:
         raise InputError(
             f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
             "that are the bands, in a recipe as [input] assets."

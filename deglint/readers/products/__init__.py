@@ -63,14 +63,12 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
     """Notes on opened files: kind, name and bands of each product, then further notes without repetition."""
-    products: dict[tuple[str, str], list[str]] = {}
-    for product in (o.product for o in found):
-        if product is not None:
-            products.setdefault((product.kind, product.name), []).extend(b.name for b in product.bands)
-    notes = [f"{kind}, product {name}: {', '.join(bands)}" for (kind, name), bands in products.items()]
+    products: dict[str, list[str]] = {}
+    for product in (o.product for o in found if o.product is not None):
+        products.setdefault(f"{product.kind}, product {product.name}", []).extend(b.name for b in product.bands)
+    notes = [f"{product}: {', '.join(bands)}" for product, bands in products.items()]
     notes += [note for o in found for note in o.notes]
-    captures = [o for o in found if o.product is None and drone.is_capture(o.infos[0])]
-    if len(captures) > 1:
+    if sum(o.product is None and drone.is_capture(o.infos[0]) for o in found) > 1:
         notes.append(drone.UNREGISTERED)
     return list(dict.fromkeys(notes))
 

@@ -37,20 +37,19 @@ CIRRUS = (1373.5, 20.0)
 
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or of a selected band file; None if there is none."""
-    metadata, named = container.find(METADATA), container.named
-    images = container.matches(IMAGES)
-    if named in metadata:
-        images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
-    elif named is not None:
-        images = [(n, m) for n, m in images if n == named]
-    scenes = sorted({m["scene"] for _, m in images})
+    named, images = container.named, container.matches(IMAGES)
+    if named is not None:
+        images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]
     if not images:
         return None
+    scenes = sorted({m["scene"] for _, m in images})
     if len(scenes) > 1:
         raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     (scene,) = scenes
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
-    own = sorted((m for m in metadata if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m))
+    own = sorted(
+        (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)
+    )
     root = container.tree(own[0], _MTL_GROUPS[level][0]) if own else None
     notes = [] if own else [f"{container.path} has no *_MTL.txt: {_WITHOUT_MTL[level]}"]
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]

@@ -66,8 +66,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
             notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
             infos.append(info)
             continue
-        own = scaled_by_itself(info)
-        if own:
+        if own := scaled_by_itself(info):
             notes.append(f"{path}: {own}")
         infos.append(filled(info, bands, {**product.tags, "product": product.name}, product.sensor))
     return infos, notes

@@ -100,8 +100,8 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
     """Properties of each band from the metadata; without metadata, wavelengths of the preset."""
     known, values = root is not None, ET.Element("none") if root is None else root
-    quantum = positive(said(values, *(f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))))
-    quantum = quantum or _QUANTUM
+    levels = (f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))
+    quantum = positive(said(values, *levels)) or _QUANTUM
     offsets = {
         node.get("band_id"): said_number(node, ".") or 0.0
         for tag in ("RADIO_ADD_OFFSET", "BOA_ADD_OFFSET")
@@ -138,9 +138,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
 def _width(spectral: ET.Element | None) -> float | None:
     """Full width at half maximum of the spectral response [nm]."""
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
-    step = positive(said(spectral, "Spectral_Response/STEP"))
-    if not values or not step:
-        return None
+    step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
 
 
