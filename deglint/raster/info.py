@@ -189,8 +189,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     except (InputError, ReadError):
         raise
     except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
-        said = one_line(error)
-        raise ReadError(f"cannot read the header of {path}: {said}. The file is truncated or damaged.") from error
+        raise ReadError(f"cannot read the header of {path}: {one_line(error)}. {remedy(path)}") from error
     place = info.transform
     if place is not None and not (np.isfinite(place[:6]).all() and abs(place.determinant) > 0):
         raise InputError(

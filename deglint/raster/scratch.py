@@ -111,8 +111,7 @@ def claimed(directory: Path) -> Iterator[None]:
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
-            what = "Wait for it, or give another directory."
-            raise WriteError(f"another batch is writing into {directory}. {what}") from None
+            raise WriteError(f"another batch is writing into {directory}. Wait, or give another directory.") from None
         except OSError:  # a file system without locks
             pass
         try:

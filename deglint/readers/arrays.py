@@ -81,9 +81,8 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     values = ordered.data if band is not None else ordered.data[None]
     if 0 in values.shape:
         raise InputError(f"the array holds no pixel: shape {dict(zip(array.dims, array.shape, strict=True))}.")
-    info = _info(array, values, band, rows, columns)
     notes: list[str] = []
-    info = with_nodata(info, nodata, notes)
+    info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
     scene = Scene(
         tuple(bands), info.height, info.width, ArraySource(values, info), path=info.paths[0], crs=info.crs,
