@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .notebook import level, stretch
 from .raster import FileBands, RasterSource
-from .raster.info import describe, open_dataset
+from .raster.info import describe_file
 from .remove import GlintModel
 from .scene import Scene
 from .tiles import tile_shape, tiles
@@ -29,8 +29,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
     known = [f.band for f in model.fits] or range(len(scene.bands))
     bands = scene.rgb(known[::-1])
-    with open_dataset(str(result)) as dataset:
-        info = describe(dataset, str(result), alpha_is_band=True)
+    info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
         before, after = (_thinned(source, scene, bands) for source in (cast(RasterSource, scene.source), corrected))
     low = level(after, 1)

@@ -225,8 +225,7 @@ def test_the_message_that_no_band_is_named_is_followed_to_a_result(deglint, tmp_
         ({"offset": [1, 2, 3]}, r"--offset gives 3 and "),
         ({"offset": "nan"}, r"--offset: want numbers"),
         ({"nodata": "none at all"}, r"nodata .*want a number"),
-        ({"sensor": 3}, r"sensor: want the name of a preset or of a file that ends in \.toml, got 3"),
-        ({"grid": 1.5}, r"grid: want 'finest', or a file by its number \(from 1\) or name"),
+        ({"sensor": 3}, r"sensor: want a file name, got 3"),
         ({"nir": 4.0}, r"want a band by name or by number \(from 1\)"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -15,8 +17,7 @@ from ..compensate import Chain
 from ..errors import DeglintError, FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
-from ..raster.environment import LOOK_READS, environment, limit
-from ..raster.source import Budget
+from ..raster.environment import environment, limit
 from ..readers.place import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
 from ..remove import METHODS, GlintModel
@@ -265,7 +266,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
     scene = settled(scene)
     out = _header(scene)
     notes: list[str] = out["notes"]
-    budget = raster_of(scene).budget = Budget(limit("DEGLINT_INFO_SECONDS"), LOOK_READS)
+    seconds, source = limit("DEGLINT_INFO_SECONDS"), raster_of(scene)
+    source.deadline = deadline = time.monotonic() + seconds
     try:
         with environment():
             request, of_nir = make_request(scene, recipe)
@@ -281,14 +283,14 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
                 notes.append(overview.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
     except DeglintError as error:
-        out["reason"] = str(error) if not budget.over else (
-            f"the look at it was stopped after {budget.seconds:g} s or {budget.reads} windows: {budget.done} windows "
-            f"of {budget.pixels} pixels were read, of {scene.height * scene.width} pixels; what lies in the others is "
-            "not known. To look for longer, set the environment variable DEGLINT_INFO_SECONDS, or name a --sample"
+        out["reason"] = str(error) if time.monotonic() <= deadline else (
+            f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
+            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
+            "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
         )  # fmt: skip
         return out
     finally:
-        raster_of(scene).budget = None
+        source.deadline = math.inf
     if fitted.water is not None:
         out["water_fraction"] = fitted.water.water_fraction
     if fitted.sampled:

@@ -125,7 +125,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
     nodata = next((n for n in info.nodatas if n is not None), None)
-    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    masked = any(f.masked or f.alpha is not None for f in source.files)
     if out.kind == "f":
         if nodata is not None and np.isfinite(nodata) and abs(nodata) > np.finfo(out).max:
             nodata = float("nan")

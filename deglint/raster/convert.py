@@ -126,17 +126,13 @@ def encode(
 ) -> tuple[Valid, Valid]:
     """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
 
-    physical = raw * scale + offset, a band. Values that are not finite, and pixels outside `where` (row, column), leave
-    `raw` as it is. No value is left on `nodata`.
+    raw = (physical - offset) / scale; integers are rounded to nearest (ties to even) and saturate. Values that are not
+    finite, and pixels outside `where` (row, column), leave `raw` as it is. No value is left on `nodata`.
 
     Returns
     -------
     (len(bands), row, column) ndarrays of bool
         Where a value is negative, and where it was clipped to what the type can hold or moved off `nodata`.
-
-    Notes
-    -----
-    Integers are rounded to nearest (ties to even) and saturate at the ends of their type.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):

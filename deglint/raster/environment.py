@@ -35,8 +35,6 @@ READ_LIMITS = {
 }
 """Limits that environment variables of the same names override."""
 MOST_BANDS = 8192
-LOOK_READS = 10_000
-"""Most windows that `deglint info` reads: the tiles of 1024 x 1024 pixels of a scene of 100,000 x 100,000."""
 
 
 def environment() -> Any:

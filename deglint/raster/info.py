@@ -189,8 +189,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     except (InputError, ReadError):
         raise
     except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
-        said = one_line(error)
-        raise ReadError(f"cannot read the header of {path}: {said}. The file is truncated or damaged.") from error
+        raise ReadError(f"cannot read the header of {path}: {one_line(error)}. {remedy(path)}") from error
     place = info.transform
     if place is not None and not (np.isfinite(place[:6]).all() and abs(place.determinant) > 0):
         raise InputError(
@@ -200,10 +199,10 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
     return info
 
 
-def describe_file(path: str) -> RasterInfo:
-    """Properties of a file; no pixel is read."""
+def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
+    """Properties of a file, as `describe`."""
     with open_dataset(path) as dataset:
-        return describe(dataset, path)
+        return describe(dataset, path, alpha_is_band=alpha_is_band)
 
 
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:

@@ -39,8 +39,6 @@ _FLAG_COLOURS = (
 )  # fmt: skip
 """Red, green, blue of the bits of a raster of flags, the lowest first; colours suitable for colour-blind readers (Okabe
 and Ito 2008, https://jfly.uni-koeln.de/color/)."""
-
-
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a profile that are not creation options: a copy takes them from its source."""
 _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
@@ -357,12 +355,10 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return
-    rows, columns = layout.info.height, layout.info.width
-    need = rows * columns * len(layout.bands) * np.dtype(layout.dtype).itemsize
+    need = layout.info.height * layout.info.width * len(layout.bands) * np.dtype(layout.dtype).itemsize
     if layout.overviews:  # a third more, and all of it copied once into order
         need = need * (4 if packed else 8) // 3
-    free = free_bytes(directory)
-    if free is not None and need > free:
+    if need > (free := free_bytes(directory)):
         raise WriteError(
             f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, compress "
             "it (--co COMPRESS=ZSTD), or leave out its overviews (--co OVERVIEWS=NONE)."

@@ -24,11 +24,7 @@ _SIGNED = {"software": f"deglint {__version__}"}
 
 
 def check_plan(
-    targets: Sequence[Path],
-    kinds: Sequence[str],
-    reads: Reads | None = None,
-    *,
-    overwrite: bool = False,
+    targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
     """Check, before any computation, that the outputs can be written; `reads` as in `check_targets`."""
     for target in targets:

@@ -1,13 +1,13 @@
 """Pixels of one raster, or of several on one grid, for any number of threads.
 
 A `RasterSource` opens its files at the first read. Each reading thread uses its own handle; handles are kept in a pool
-for the next reader and are closed by `close`, or at the end of a `with` block. GDAL's block cache is left as the
-caller's `rasterio.Env` sets it: an Env belongs to a thread, so a worker thread enters its own. No pixel is cached.
+for the next reader and are closed by `close`, or at the end of a `with` block.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 import os
 import threading
 import time
@@ -32,8 +32,7 @@ class FileBands:
     path: str  # GDAL name
     indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
     nodatas: tuple[float | None, ...]  # value that says "not valid", one a band
-    dataset_mask: bool = False  # the file has one mask for all bands
-    band_masks: bool = False  # the file has one mask a band
+    masked: bool = False  # the file has a mask, of all bands or of each
     alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
     flat: FlatField | None = None  # corrects the numbers as they are read
     warp: Mapping[str, Any] | None = field(default=None, repr=False)  # how rasterio's WarpedVRT puts it on the grid
@@ -41,33 +40,14 @@ class FileBands:
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
         """All bands of one described file; `nodatas` override those of `info`."""
-        flags = {flag for flags in info.mask_flags for flag in flags}
         return cls(
             path=info.paths[0],
             indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
             nodatas=tuple(info.nodatas if nodatas is None else nodatas),
-            dataset_mask="per_dataset" in flags and "alpha" not in flags,
-            band_masks=any(not f for f in info.mask_flags),
+            masked=any(not flags or ("per_dataset" in flags and "alpha" not in flags) for flags in info.mask_flags),
             alpha=info.alpha,
             flat=info.flat,
         )
-
-
-class Budget:
-    """Limit of what `deglint info` reads of a scene: number of windows (about one per tile), and time [s]."""
-
-    def __init__(self, seconds: float, reads: int) -> None:
-        self.seconds, self.reads = seconds, reads
-        self.done = self.pixels = 0
-        self.over = False
-        self._begun = time.monotonic()
-
-    def spend(self, pixels: int) -> None:
-        """Count a window; raise ReadError if the limit is exceeded."""
-        if self.done >= self.reads or time.monotonic() - self._begun > self.seconds:
-            self.over = True
-            raise ReadError(f"stopped after {self.done} windows of the scene and {self.seconds:g} s at most")
-        self.done, self.pixels = self.done + 1, self.pixels + pixels
 
 
 class RasterSource:
@@ -75,12 +55,6 @@ class RasterSource:
 
     `files` are in scene order; `info` has the properties of the scene's bands. It can be pickled; the copy opens the
     files again.
-
-    Examples
-    --------
-    >>> with open_scene("scene.tif").source as source:  # doctest: +SKIP
-    ...     raw, valid = source.read_raw(((0, 256), (0, 256)))
-    ...     physical = source.to_physical(raw, valid)
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
@@ -89,7 +63,8 @@ class RasterSource:
         self._start()
 
     def _start(self) -> None:
-        self.budget: Budget | None = None
+        self.deadline = math.inf  # reads later than this time of time.monotonic() are an error [s]
+        self.pixels_read = 0
         self._lock = threading.Lock()
         self._idle: list[list[Any]] = []
         self._closed = False
@@ -173,8 +148,9 @@ class RasterSource:
             )
         from rasterio.env import env_ctx_if_needed
 
-        if self.budget is not None:
-            self.budget.spend((bottom - top) * (right - left))
+        if time.monotonic() > self.deadline:
+            raise ReadError(f"{self.info.paths[0]} could not be read to its end in the given time")
+        self.pixels_read += (bottom - top) * (right - left)
         try:
             with env_ctx_if_needed(), self._datasets() as datasets:
                 return self._stacked(datasets, window, bands)
@@ -257,20 +233,16 @@ class ArraySource(RasterSource):
 
 
 def _open(file: FileBands) -> Any:
-    dataset = open_dataset(file.path)
-    if file.warp is None:
-        return dataset
     from rasterio.vrt import WarpedVRT
 
-    return WarpedVRT(dataset, **file.warp)
+    dataset = open_dataset(file.path)
+    return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
 
 
 def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:
     valid = is_valid(raw, [file.nodatas[b] for b in bands])
     masks = []
-    if file.dataset_mask:
-        masks.append(dataset.read_masks(1, window=window)[np.newaxis] != 0)
-    elif file.band_masks:
+    if file.masked:
         masks.append(dataset.read_masks([file.indexes[b] for b in bands], window=window) != 0)
     if file.alpha is not None:
         masks.append(dataset.read(file.alpha, window=window)[np.newaxis] != 0)

@@ -48,11 +48,10 @@ def window_area(bounds: Window) -> Area:
 
 
 def _in_window(bounds: Window, window: Window) -> Mask:
-    inside = [
-        (np.arange(start, stop) >= low) & (np.arange(start, stop) < high)
-        for (start, stop), (low, high) in zip(window, bounds, strict=True)
-    ]
-    return inside[0][:, None] & inside[1][None, :]
+    (top, bottom), (left, right) = window
+    rows, columns = np.ogrid[top:bottom, left:right]
+    (low, high), (first, end) = bounds
+    return np.asarray((low <= rows) & (rows < high) & (first <= columns) & (columns < end))
 
 
 def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
@@ -109,7 +108,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
-    shapes = [_checked(polygon, name) for polygon in _polygons(document)]
+    shapes = list(_polygons(document, name))
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
     note = ""
@@ -179,23 +178,18 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
             waiting += [node.get(member) for member in ("geometries", "features", "geometry")]
 
 
-def _polygons(document: Any) -> Iterator[Any]:
+def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
+    """The checked polygons of a document: closed rings of (x, y), each of at least three different points."""
     for kind, coordinates in geometries(document):
-        if kind == "Polygon":
-            yield coordinates
-        elif kind == "MultiPolygon" and isinstance(coordinates, list):
-            yield from coordinates
-
-
-def _checked(coordinates: Any, name: str) -> dict[str, Any]:
-    """A checked polygon: closed rings of (x, y), each of at least three different points."""
-    try:
-        rings = [[(float(x), float(y)) for x, y, *_ in ring] for ring in coordinates]
-    except (TypeError, ValueError, OverflowError):
-        rings = []
-    if not rings or not all(len(set(ring)) > 2 and np.isfinite(ring).all() for ring in rings):
-        raise InputError(f"{name} is not valid GeoJSON: a polygon has at least three corners, each of two numbers.")
-    return {"type": "Polygon", "coordinates": [r if r[0] == r[-1] else [*r, r[0]] for r in rings]}
+        several = kind == "MultiPolygon" and isinstance(coordinates, list)
+        for polygon in coordinates if several else [coordinates] if kind == "Polygon" else []:
+            try:
+                rings = [[(float(x), float(y)) for x, y, *_ in ring] for ring in polygon]
+            except (TypeError, ValueError, OverflowError):
+                rings = []
+            if not rings or not all(len(set(ring)) > 2 and np.isfinite(ring).all() for ring in rings):
+                raise InputError(f"{name} is not valid GeoJSON: a polygon has at least 3 corners, each of 2 numbers.")
+            yield {"type": "Polygon", "coordinates": [r if r[0] == r[-1] else [*r, r[0]] for r in rings]}
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:

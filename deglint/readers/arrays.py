@@ -81,9 +81,8 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     values = ordered.data if band is not None else ordered.data[None]
     if 0 in values.shape:
         raise InputError(f"the array holds no pixel: shape {dict(zip(array.dims, array.shape, strict=True))}.")
-    info = _info(array, values, band, rows, columns)
     notes: list[str] = []
-    info = with_nodata(info, nodata, notes)
+    info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
     scene = Scene(
         tuple(bands), info.height, info.width, ArraySource(values, info), path=info.paths[0], crs=info.crs,
@@ -213,18 +212,15 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
     """The transform from the coordinates; the declared one if it agrees, for its exact numbers."""
     from affine import Affine
 
-    stated = None
-    numbers = [float(n) for n in str(grid.get("GeoTransform", "")).split()]
-    given = _floats(array.attrs.get("transform"))
-    if len(numbers) == 6:
-        stated = Affine.from_gdal(*numbers)
-    elif len(given) in (6, 9):
-        stated = Affine(*given[:6])
-    x, y = (array.coords[d].values if d in array.coords else None for d in (columns, rows))
-    if x is None or y is None or x.ndim != 1 or y.ndim != 1 or x.dtype.kind not in "fiu" or y.dtype.kind not in "fiu":
-        return stated
-    across = float(x[-1] - x[0]) / (len(x) - 1) if len(x) > 1 else (stated.a if stated else 0.0)
-    down = float(y[-1] - y[0]) / (len(y) - 1) if len(y) > 1 else (stated.e if stated else 0.0)
+    numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
+    stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
+    x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))
+    steps = []
+    for along, declared in ((x, stated.a if stated else 0.0), (y, stated.e if stated else 0.0)):
+        if along.ndim != 1 or not along.size or along.dtype.kind not in "fiu":
+            return stated
+        steps.append(float(along[-1] - along[0]) / (len(along) - 1) if len(along) > 1 else declared)
+    across, down = steps
     if not across or not down:
         return stated
     own = Affine(across, 0.0, float(x[0]) - across / 2, 0.0, down, float(y[0]) - down / 2)

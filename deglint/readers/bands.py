@@ -157,11 +157,9 @@ def apply_sensor(
         known = {name: getattr(own, name) for name in facts if getattr(band, name) is None}
         filled.append(replace(band, name=own.name if own and i in unnamed else band.name, **known))
     notes = [f"sensor {sensor.name} ({sensor.title}); its bands are matched by {how}"]
-    without = [b.name for b, own in zip(bands, matched, strict=True) if own is None]
-    if without:
+    if without := [b.name for b, own in zip(bands, matched, strict=True) if own is None]:
         notes.append(f"{sensor.name} has no band {', '.join(without)}")
-    offsets = [b.time_status for b in matched if b is not None and b.time_offset is not None]
-    if sensors.UNVERIFIED in offsets:
+    if sensors.UNVERIFIED in [b.time_status for b in matched if b is not None and b.time_offset is not None]:
         notes.append(f"some time offsets of {sensor.name} are not verified")
     if sensor.wavelength_status == sensors.UNVERIFIED:
         notes.append(f"the wavelengths of {sensor.name} are not verified")
@@ -180,12 +178,8 @@ def match(
         if all(by_wavelength):
             return by_wavelength, "wavelength"
     product = sensor.product(len(bands))
-    far = [
-        b
-        for b, own in zip(bands, product or (), strict=False)
-        if abs((b.wavelength or own.wavelength) - own.wavelength) > _SAME_BAND
-    ]
-    if not product or far:
+    pairs = zip(bands, product, strict=False)
+    if not product or any(b.wavelength and abs(b.wavelength - own.wavelength) > _SAME_BAND for b, own in pairs):
         raise BandError(_why_not(bands, sensor, product))
     if product == sensor.bands:
         return list(product), "order"
@@ -194,13 +188,12 @@ def match(
 
 
 def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand]) -> str:
+    why = "the wavelengths in the file are not those of the preset"
     if not sensor.ordered:
         why = "its products come in more than one band order, and no band name fits"
     elif not product:
         counts = " or ".join(map(str, sensor.counts))
         why = f"no band name fits, and {len(bands)} bands are not {counts}, as its products have"
-    else:
-        why = "the wavelengths in the file are not those of the preset"
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
         f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "
@@ -210,8 +203,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     """The band of a preset with a name: by name or alias, without prefixes such as "sr_", or by code."""
-    answers = [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]
-    if answers:
+    if answers := [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
     code = band_code(name)
     fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]

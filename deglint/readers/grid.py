@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
 from ..raster.info import describe_file
-from ..scene import FloatArray, Scene, Window
+from ..scene import Scene
 
 _OFF = 0.01  # [pixel] grids that differ by less than this are the same
 
@@ -143,32 +141,16 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
     return RasterSource([file], replace(placed, nodatas=file.nodatas))
 
 
-@dataclass(frozen=True)
-class Footprints:
-    """Detector number of each pixel of each band, on the grid of the scene; a `deglint.scene.Source`.
+def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
+    """Detector number of each pixel of each band on the grid of the scene, NaN without a detector.
 
-    They are Sentinel-2's MSK_DETFOO: rasters in products since baseline 04.00; the GML of older ones is not read.
-    Files are opened when they are first read. It can be pickled.
+    `paths` are GDAL names of Sentinel-2's MSK_DETFOO of each band: rasters in products since baseline 04.00; the GML of
+    older ones is not read.
     """
-
-    paths: tuple[str | None, ...]  # GDAL name of the mask of each band of the scene; None where there is none
-    grid: RasterInfo  # of the scene
-    _sources: dict[str, RasterSource] = field(default_factory=dict, compare=False, repr=False)
-
-    def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Detector numbers of a window, (len(bands), rows, columns) float32; NaN for pixels without a detector."""
-        (top, bottom), (left, right) = window
-        out = np.full((len(bands), bottom - top, right - left), np.nan, np.float32)
-        for i, band in enumerate(bands):
-            if (path := self.paths[band]) is not None:
-                source = self._sources.get(path) or nearest_on(describe_file(path), self.grid, nodata=0.0)
-                out[i] = self._sources.setdefault(path, source).read(window, [0])[0]
-        return out
-
-    def close(self) -> None:
-        """Close the masks' files."""
-        while self._sources:
-            self._sources.popitem()[1].close()
+    each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
+    facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
+    joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
+    return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
 
 
 def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
@@ -193,8 +175,8 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     if declared is not None:
         warp |= {"src_nodata": declared, "nodata": declared}
         nodatas = tuple(declared for _ in file.nodatas)
-        return replace(file, warp=warp, nodatas=nodatas, dataset_mask=False, band_masks=False)
+        return replace(file, warp=warp, nodatas=nodatas, masked=False)
     if file.alpha is None:
         file = replace(file, alpha=info.count + 1)
         warp["add_alpha"] = True
-    return replace(file, warp=warp, dataset_mask=False, band_masks=False)
+    return replace(file, warp=warp, masked=False)

@@ -70,12 +70,10 @@ def wavelength_in_name(name: str) -> float | None:
     (444.0, 705.0, None)
     """
     text = name.strip().lower()
-    spelled = _WITH_UNIT.search(text)
-    if spelled:
+    if spelled := _WITH_UNIT.search(text):
         value = float(spelled[1]) * (1 if spelled[2].startswith("n") else 1000)
         return round(value, 6) if 100 <= value <= 20000 else None
-    bare = _BARE.fullmatch(text)
-    if bare:
+    if bare := _BARE.fullmatch(text):
         number = float(bare[2])
         if number < 3:
             return round(number * 1000, 6)
@@ -96,8 +94,7 @@ def nominal_wavelength(name: str) -> float | None:
     words = re.findall(r"[a-z]+\d*|\d+", name.lower())
     for length in (3, 2, 1):
         joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
-        found = {NOMINAL[word] for word in joined if word in NOMINAL}
-        if found:
+        if found := {NOMINAL[word] for word in joined if word in NOMINAL}:
             return found.pop() if len(found) == 1 else None  # None where two colours are named
     return None
 

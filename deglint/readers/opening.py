@@ -19,7 +19,7 @@ from ..checks import as_path, check_number, checked_keywords, described
 from ..errors import InputError
 from ..raster import RasterInfo, RasterSource
 from ..raster.convert import holds
-from ..raster.info import describe, open_dataset
+from ..raster.info import describe_file
 from ..scene import Scene
 from . import products, stac
 from .bands import bands_of, labelled
@@ -88,28 +88,31 @@ def open_scene(
     (6,)
     """
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
-    _check(paths, sensor, nodata, grid)
-    preset = None if sensor is None else os.fspath(sensor)
+    if not paths:
+        raise InputError("want at least one file to open, got none")
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
+    preset = None if sensor is None else as_path(sensor, "sensor")
     scene = _stacked(paths, preset, nir, nodata, grid, Stated.of(bands, wavelengths, scale, offset))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
 def _stacked(
     paths: Sequence[str],
-    sensor: str | None,
+    preset: str | None,
     nir: Wanted | None,
     nodata: float | str | None,
     grid: str | int | None,
     stated: Stated,
 ) -> Scene:
     notes: list[str] = []
-    opened = _opened(paths, sensor, nir, stated, notes)
+    opened = _opened(paths, preset, nir, stated, notes)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = stated.on(_together(infos, reference))
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
-    found, preset, told = bands_of(info, stems, sensor)
-    if len(infos) > 1 or sensor is not None or stated.count:
+    found, known, told = bands_of(info, stems, preset)
+    if len(infos) > 1 or preset is not None or stated.count:
         info = labelled(info, found)
     return Scene(
         bands=tuple(found),
@@ -119,23 +122,11 @@ def _stacked(
         path=", ".join(paths),
         crs=info.crs,
         transform=info.transform,
-        sensor=preset,
+        sensor=known,
         notes=(*notes, *moved, *told),
         product=products.named(opened),
         footprints=products.footprints(opened, reference),
     )
-
-
-def _check(paths: Sequence[str], sensor: Any, nodata: Any, grid: Any) -> None:
-    """Check the types of the options before a file is opened."""
-    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
-    if not paths:
-        raise InputError("want at least one file to open, got none")
-    if sensor is not None and not isinstance(sensor, (str, os.PathLike)):
-        raise InputError(f"sensor: want the name of a preset or of a file that ends in .toml, got {described(sensor)}.")
-    if grid is not None and (isinstance(grid, bool) or not isinstance(grid, (str, int))):
-        raise InputError(f"grid: want 'finest', or a file by its number (from 1) or name, got {described(grid)}.")
 
 
 def _opened(
@@ -154,13 +145,12 @@ def _opened(
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
     """Description of a file; alpha is a band if it is selected, or if the number of bands requires it."""
-    with open_dataset(path) as dataset:
-        info = describe(dataset, path)
-        if info.alpha is None:
-            return info
-        asked = [] if nir is None else split_wanted(nir)
-        if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
-            return describe(dataset, path, alpha_is_band=True)
+    info = describe_file(path)
+    if info.alpha is None:
+        return info
+    asked = [] if nir is None else split_wanted(nir)
+    if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
+        return describe_file(path, alpha_is_band=True)
     what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
     return info
@@ -268,8 +258,7 @@ def _names(given: Names | None) -> tuple[str, ...]:
             f"--bands {','.join(names)}: --bands gives bands their names, such as --bands "
             f'"{example_names(len(names))}". To choose bands by number, use -b {",".join(names)}.'
         )
-    twice = [n for i, n in enumerate(names) if n.casefold() in [m.casefold() for m in names[:i]]]
-    if twice:
+    if twice := [n for i, n in enumerate(names) if n.casefold() in [m.casefold() for m in names[:i]]]:
         raise InputError(f"--bands gives two bands the name {twice[0]!r}. Give each its own.")
     return names
 

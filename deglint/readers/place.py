@@ -13,8 +13,7 @@ from ..errors import InputError
 from ..raster.info import gdal_errors, one_line, open_dataset
 from ..scene import Scene
 from .areas import LONGITUDE_LATITUDE, crs_of, geometries
-from .products.metadata import positive
-from .text import read_json
+from .text import positive, read_json
 
 _GEOCENTRIC = "EPSG:4978"
 """x, y, z from the centre of the WGS 84 ellipsoid [m]."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Sequence
-from typing import Any
 
 from ..checks import check_kind, described, nearest
 from ..errors import BandError, InputError
@@ -74,11 +73,14 @@ def band_roles(scene: Scene) -> dict[str, int | None]:
 
 
 def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
+    """Bands of the near infrared, and why."""
     if wanted is None:
         index = _by_role(scene, "nir")
         if index is None:
             raise BandError(_no_nir(scene))
-        return (index,), _reason(scene, index)
+        band = scene.bands[index]
+        why = ", by its name" if band.wavelength is None else f" ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm"
+        return (index,), f"NIR is band {index + 1} {band.name}{why}"
     asked = split_wanted(wanted)
     if not asked:
         raise BandError("--nir: want at least one band name or number, got none")
@@ -110,7 +112,8 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
 def _no_nir(scene: Scene) -> str:
     """Error message if there is no near-infrared band: why, and what to do."""
     what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
-    alpha, example = _alpha(scene), example_of(scene)
+    alpha = getattr(getattr(scene.source, "info", None), "alpha", None)  # 1-based band of the file
+    example = _example_of(scene, hidden=alpha is not None)
     if all(w is not None and w < _WATER for w in known):
         hidden = f' If band {alpha}, taken for alpha, is its NIR, say --bands "{example}".' if alpha else ""
         return (
@@ -119,26 +122,18 @@ def _no_nir(scene: Scene) -> str:
             "it (deglint remove IN NIR.tif OUT), find targets in it as it is (rxdetect score IN OUT), or plan the next "
             f"flight around glint (deglint plan).{hidden}"
         )
+    remedy = f"Name another band beyond {_WATER:g} nm to follow (--nir NUMBER), or stack a NIR band of the same image"
     if None in known:
-        return (
-            f"no band of {what} is known to be near infrared (750-1050 nm); it has {bands}. Name the bands in their "
-            f'order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a band), --sensor NAME, or '
-            "the NIR alone: --nir NUMBER."
+        remedy = (
+            f'Name the bands in their order, such as --bands "{example}", or say --wavelengths 475,560,668,842 (one a '
+            "band), --sensor NAME, or the NIR alone: --nir NUMBER"
         )
-    return (
-        f"no near-infrared band (750-1050 nm) in {what}; it has {bands}. Name another band beyond {_WATER:g} nm to "
-        "follow (--nir NUMBER), or stack a NIR band of the same image with it."
-    )
+    return f"no near-infrared band (750-1050 nm) is known in {what}; it has {bands}. {remedy}."
 
 
-def _alpha(scene: Scene) -> Any:
-    """1-based band of the file that is treated as alpha, or None."""
-    return getattr(getattr(scene.source, "info", None), "alpha", None)
-
-
-def example_of(scene: Scene) -> str:
-    """Example of names of a scene's bands for `--bands`, for messages; names of colours are kept."""
-    known, hidden = _wavelengths(scene), _alpha(scene) is not None
+def _example_of(scene: Scene, *, hidden: bool) -> str:
+    """Example of names of a scene's bands for `--bands`, `hidden`: and of alpha; names of colours are kept."""
+    known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)
     names = [b.name if w else f"b{i}" for i, (b, w) in enumerate(zip(scene.bands, known, strict=True), start=1)]
@@ -179,8 +174,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     code, codes = band_code(str(item)) or band_code(f"b{text}"), [band_code(n) for n in scene.names]
     if code is not None and codes.count(code) == 1:
         return codes.index(code)
-    index = _by_role(scene, text)
-    if index is not None:
+    if (index := _by_role(scene, text)) is not None:
         return index
     hint = nearest(text, [*scene.names, *_ROLES])
     raise BandError(
@@ -200,11 +194,3 @@ def _by_role(scene: Scene, role: str) -> int | None:
 
 def _wavelengths(scene: Scene) -> list[float | None]:
     return [b.wavelength if b.wavelength is not None else nominal_wavelength(b.name) for b in scene.bands]
-
-
-def _reason(scene: Scene, index: int) -> str:
-    band = scene.bands[index]
-    said = f"NIR is band {index + 1} {band.name}"
-    if band.wavelength is None:
-        return f"{said}, by its name"
-    return f"{said} ({band.wavelength:g} nm), nearest to {NIR_CENTRE:g} nm"

@@ -66,7 +66,10 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     elif ending == ".csv":
         yield from _of_csv(text)
     elif ending in (".json", ".geojson") or re.match(r"https?://.+/items/[^/]+$", text, re.IGNORECASE):
-        yield from _of_stac(text, assets)
+        for item in items_of(read_document(text), text):
+            files = tuple(asset.path for asset in bands_of_item(item, text, assets))
+            source = f"{text}#{item['id']}" + (f"#{','.join(assets)}" if assets else "")
+            yield ListedScene(checked_name(item["id"], text), files, source)
     else:
         yield ListedScene(_stem(text), (text,))
 
@@ -100,10 +103,3 @@ def _of_csv(path: str) -> Iterator[ListedScene]:
             yield ListedScene(checked_name(name, path) if name else _stem(files[0]), files)
     except csv.Error as error:
         raise InputError(f"{path}, line {rows.line_num}: not CSV: {error}.") from error
-
-
-def _of_stac(path: str, assets: Sequence[str]) -> Iterator[ListedScene]:
-    for item in items_of(read_document(path), path):
-        files = tuple(asset.path for asset in bands_of_item(item, path, assets))
-        source = f"{path}#{item['id']}" + (f"#{','.join(assets)}" if assets else "")
-        yield ListedScene(checked_name(item["id"], path), files, source)

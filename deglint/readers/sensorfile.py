@@ -12,8 +12,7 @@ from ..errors import InputError
 from ..raster import RasterInfo
 from ..scene import Scene
 from ..sensors import Optics, Sensor, SensorBand
-from .products.metadata import number, positive
-from .text import read_toml
+from .text import number, positive, read_toml
 
 _KINDS: Mapping[str, tuple[str, Any]] = {
     "str": ("a text", str),
@@ -97,6 +96,5 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
-    missing = [key for key in needed if key not in entry]
-    if missing:
+    if missing := [key for key in needed if key not in entry]:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

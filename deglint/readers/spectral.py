@@ -5,7 +5,6 @@ Tags have many spellings. A number without a unit is in micrometres up to 30 and
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..raster import RasterInfo
+from .text import number
 
 _WAVELENGTH = re.compile(r"(?:cent(?:er|re|ral)_?)?wave_?lengths?(?:_(nm|um))?|wl(?:_(nm|um))?")
 _WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
@@ -47,8 +47,10 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
             found.append(Spectral())
             continue
-        ((value, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
-        found.append(Spectral(wavelength, _width(value, stated or own_unit)))
+        ((width, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
+        if width is not None:
+            width = nanometres(width, stated or own_unit or ("um" if width < _WIDEST_MICROMETRE else "nm"))
+        found.append(Spectral(wavelength, width))
     return found
 
 
@@ -73,11 +75,7 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
     """Time of a band after the first [s], from its tag `time_offset_s`."""
-    try:
-        value = float(_first(tags, re.compile("time_offset_s"), ""))
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+    return number(_first(tags, re.compile("time_offset_s"), ""))
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
@@ -86,10 +84,10 @@ def saturation(info: RasterInfo, band: int) -> float | None:
     It is given by the tag FULL_SCALE (of the band or of the dataset, as file value). Without one it is the largest
     value of an integer type of up to 16 bits, unless that is nodata; detectors do not fill the range of other types.
     """
-    text = _first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, ""))
-    number, kind = _NUMBER_PATTERN.fullmatch(text.strip()), np.dtype(info.dtypes[band])
-    filled = kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE
-    stored = float(number[0]) if number else float(np.iinfo(kind).max) if filled else None
+    stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
+    kind = np.dtype(info.dtypes[band])
+    if stored is None and kind.kind in "iu" and kind.itemsize * 8 <= _WIDEST_FILLED_TYPE:
+        stored = float(np.iinfo(kind).max)
     scale, offset = info.scales[band], info.offsets[band]
     if stored is None or stored == info.nodatas[band] or scale <= 0:
         return None
@@ -104,12 +102,8 @@ def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default:
 def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> list[tuple[str, re.Match[str]]]:
     named = [(name, value) for space in tags.values() for name, value in space.items()]
     named.sort(key=lambda one: not one[0].endswith("_nm"))  # the tags that `with_spectral` writes come first
-    fits = [(value, key.fullmatch(_key(name))) for name, value in named]
+    fits = [(value, key.fullmatch(re.sub(r"[\s\-]+", "_", name.strip().lower()))) for name, value in named]
     return [(value, match) for value, match in fits if match]
-
-
-def _key(name: str) -> str:
-    return re.sub(r"[\s\-]+", "_", name.strip().lower())
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
@@ -120,12 +114,6 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
             rest = value.replace(numbers[0], "").strip(" {}[]()") if count == 1 else ""
             return [(float(n), rest or next(filter(None, match.groups()), "")) for n in numbers]
     return []
-
-
-def _width(value: float | None, unit: str) -> float | None:
-    if value is None:
-        return None
-    return nanometres(value, unit or ("um" if value < _WIDEST_MICROMETRE else "nm"))
 
 
 def nanometres(value: float, unit: str = "") -> float | None:

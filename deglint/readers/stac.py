@@ -19,10 +19,10 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
-from .products.metadata import angle_tags, number, tags_of
+from .products.metadata import angle_tags, tags_of
 from .products.product import ProductBand, filled
 from .spectral import nanometres
-from .text import read_json
+from .text import number, read_json
 
 _REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
@@ -44,9 +44,7 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """The file's description with the properties from the Item; scale, offset and nodata of the file take
-        precedence.
-        """
+        """The file's description with the properties from the Item; those of the file take precedence."""
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
@@ -71,9 +69,9 @@ def files_of(name: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: a STAC Item and its bands, those of a product, else the name itself."""
     try:
         assets = assets_of(name)
+        found = tuple(file for asset in assets for file in products.files_of(asset.path))
     except DeglintError:  # said where it is opened
         return (name,)
-    found = tuple(file for asset in assets for file in products.files_of(asset.path))
     return found if assets == [Asset(name)] else (name.partition("#")[0], *found)
 
 
@@ -115,16 +113,13 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
     """The assets of an Item that are its bands, selected by `keys` if given."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
-    missing = [k for k in keys if k not in assets]
-    if missing:
+    if missing := [k for k in keys if k not in assets]:
         raise InputError(
             f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
             "that are the bands, in a recipe as [input] assets."
         )
-    facts = item.get("properties")
-    facts = facts if isinstance(facts, Mapping) else {}
-    tags = {k: str(facts[k])[:200] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
-    tags |= tags_of(_angles(facts))
+    facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
+    tags = tags_of({k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)} | _angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     chosen = keys or _chosen(assets, what)
     found = []

@@ -1,8 +1,9 @@
-"""Small text files given by the user: GeoJSON, saved models."""
+"""Small text files given by the user, such as GeoJSON, and numbers in texts."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -43,3 +44,24 @@ def read_json(path: str, option: str) -> Mapping[str, Any]:
     if not isinstance(document, Mapping):
         raise InputError(f"{path} ({option}) does not hold a JSON object. Save it again.")
     return document
+
+
+def number(value: Any) -> float | None:
+    """A finite number, or None."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return None
+    return found if math.isfinite(found) else None
+
+
+def positive(value: Any) -> float | None:
+    """A finite number above 0, or None."""
+    found = number(value)
+    return found if found is not None and found > 0 else None
+
+
+def numbers(text: str | None) -> list[float]:
+    """The numbers in a text, separated by blanks or commas; empty if any is not a number."""
+    found = [number(part) for part in (text or "").replace(",", " ").split()]
+    return [] if None in found else [n for n in found if n is not None]

@@ -80,7 +80,7 @@ def undeclared(scene: Scene) -> Undeclared:
     if not isinstance(source, RasterSource) or source.settled:
         return Undeclared()
     info, found = source.info, Undeclared()
-    masked = any(f.dataset_mask or f.band_masks or f.alpha is not None for f in source.files)
+    masked = any(f.masked or f.alpha is not None for f in source.files)
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut = _cut_sentinel2(scene, info)
     if silent or cut:

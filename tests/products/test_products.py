@@ -156,9 +156,8 @@ def test_products_without_masks_have_no_footprints(make, sea, tmp_path):
     assert deglint.open_scene(make.landsat(tmp_path, sea())).footprints is None
 
 
-@pytest.mark.parametrize("broken", ["", "<a", "<a/>"], ids=["none", "cut off", "another"])
-def test_sentinel2_without_sound_metadata_opens_as_it_stands(make, sea, tmp_path, broken):
-    scene = deglint.open_scene(make.sentinel2(tmp_path, sea(), metadata=broken))
+def test_sentinel2_without_metadata_opens_as_it_stands(make, sea, tmp_path):
+    scene = deglint.open_scene(make.sentinel2(tmp_path, sea(), metadata=""))
     assert scene.names == tuple(S2_BANDS)
     assert set(scene.source.info.scales) == {1.0}
     said = [n for n in scene.notes if "scale and offset are not" in n]
@@ -166,9 +165,20 @@ def test_sentinel2_without_sound_metadata_opens_as_it_stands(make, sea, tmp_path
     assert "--scale" in said[0]
 
 
-def test_landsat_and_planetscope_without_sound_metadata_open_as_they_stand(make, sea, tmp_path):
+@pytest.mark.parametrize("broken", ["<a", "<a/>"], ids=["cut off", "another"])
+def test_damaged_metadata_are_named_and_an_image_opens_without_them(make, sea, tmp_path, broken):
+    safe = make.sentinel2(tmp_path / "s", sea(), metadata=broken)
+    landsat = make.landsat(tmp_path / "l", sea(), 1)
+    next(landsat.glob("*MTL*")).write_text(broken)
+    for folder, image in ((safe, "*B02_10m.jp2"), (landsat, "*_B2.TIF")):
+        with pytest.raises(InputError, match=r"is damaged.*Download it again, or name the image itself\.$"):
+            deglint.open_scene(folder)
+        assert len(deglint.open_scene(next(folder.rglob(image))).bands) == 1
+
+
+def test_landsat_and_planetscope_without_metadata_open_as_they_stand(make, sea, tmp_path):
     folder = make.landsat(tmp_path / "l", sea(), 1)
-    next(folder.glob("*MTL*")).write_bytes(b"\0\1\2")
+    next(folder.glob("*MTL*")).unlink()
     planet = make.planetscope(tmp_path / "p", sea(), metadata=False)
     for path, count in ((folder, 8), (planet, 4)):
         scene = deglint.open_scene(path)

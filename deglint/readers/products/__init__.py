@@ -10,14 +10,14 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ...errors import DeglintError, ReadError
-from ...raster import RasterInfo
-from ..grid import Footprints
+from ...raster import RasterInfo, RasterSource
+from ..grid import footprints_on
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .metadata import Container, is_archive, open_archive, open_folder
+from .metadata import Container, MetadataError, is_archive, open_archive, open_folder
 from .product import Product, described
 
 PRODUCTS: dict[str, Any] = {
@@ -63,14 +63,12 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
     """Notes on opened files: kind, name and bands of each product, then further notes without repetition."""
-    products: dict[tuple[str, str], list[str]] = {}
-    for product in (o.product for o in found):
-        if product is not None:
-            products.setdefault((product.kind, product.name), []).extend(b.name for b in product.bands)
-    notes = [f"{kind}, product {name}: {', '.join(bands)}" for (kind, name), bands in products.items()]
+    products: dict[str, list[str]] = {}
+    for product in (o.product for o in found if o.product is not None):
+        products.setdefault(f"{product.kind}, product {product.name}", []).extend(b.name for b in product.bands)
+    notes = [f"{product}: {', '.join(bands)}" for product, bands in products.items()]
     notes += [note for o in found for note in o.notes]
-    captures = [o for o in found if o.product is None and drone.is_capture(o.infos[0])]
-    if len(captures) > 1:
+    if sum(o.product is None and drone.is_capture(o.infos[0]) for o in found) > 1:
         notes.append(drone.UNREGISTERED)
     return list(dict.fromkeys(notes))
 
@@ -81,15 +79,12 @@ def named(found: Sequence[OpenedFiles]) -> str | None:
     return "; ".join(every) or None
 
 
-def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> Footprints | None:
-    """Detector numbers of the opened bands on the grid of their scene; None if no band has any."""
-    paths: list[str | None] = []
-    for o in found:
-        stated = [()] * len(o.infos) if o.product is None else o.product.files.values()
-        for info, bands in zip(o.infos, stated, strict=True):
-            paths += [bands[i].footprint if i < len(bands) else None for i in range(info.count)]
-    absolute = tuple(p if p is None or p.startswith("/vsi") else str(Path(p).absolute()) for p in paths)
-    return Footprints(absolute, grid) if any(paths) else None
+def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource | None:
+    """Detector numbers of the opened bands on the grid of their scene; None if a band has none."""
+    bands = [band for o in found for band in (o.product.bands if o.product else ())]
+    paths = [band.footprint for band in bands if band.footprint]
+    whole = len(paths) == sum(info.count for o in found for info in o.infos)
+    return footprints_on(grid, paths) if whole and paths else None
 
 
 def find(path: str) -> Product | None:
@@ -111,25 +106,20 @@ def find(path: str) -> Product | None:
 
 def name_of(path: str) -> str | None:
     """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
-    product = _sound(path) if _may_be_product(_local(path)) else None
+    try:
+        product = find(path) if _may_be_product(_local(path)) else None
+    except DeglintError:  # said where it is opened
+        return None
     return product.name if product else None
 
 
 def files_of(path: str) -> tuple[str, ...]:
     """GDAL names of the files behind a name: images, footprints and metadata of a product, else the name itself."""
-    product = _sound(path)
+    product = find(path)
     if product is None:
         return (path,)
     footprints = (band.footprint for band in product.bands if band.footprint)
     return tuple(dict.fromkeys((*product.files, *footprints, *product.texts)))
-
-
-def _sound(path: str) -> Product | None:
-    """The product behind a name; None also where it is damaged, which is said where it is opened."""
-    try:
-        return find(path)
-    except DeglintError:
-        return None
 
 
 def _local(path: str) -> Path | None:
@@ -151,8 +141,16 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: Any, container: Container) -> Product | None:
-    """The product of a family in a container, with the names of the metadata files that were read."""
-    found = family.find(container)
+    """The product of a family in a container, with the names of the metadata files that were read.
+
+    An image that is named itself is opened without its metadata if these are damaged.
+    """
+    try:
+        found = family.find(container)
+    except MetadataError:
+        if not re.fullmatch(family.IMAGES, PurePosixPath(container.named or "").name, re.IGNORECASE):
+            raise
+        return None
     read = tuple(container.gdal(member) for member in dict.fromkeys(container.was_read))
     return None if found is None else replace(found, texts=read)
 

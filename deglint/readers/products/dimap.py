@@ -7,14 +7,14 @@ holds for reflectance products.
 from __future__ import annotations
 
 import math
-import re
 from pathlib import PurePosixPath
 from typing import Any
 from xml.etree import ElementTree as ET
 
 from ...errors import InputError
 from ..spectral import nanometres
-from .metadata import Container, angle_tags, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
@@ -32,24 +32,15 @@ UNIT = "W m-2 sr-1 um-1"
 def find(container: Container) -> Product | None:
     """The multispectral product in a folder or archive, or the selected one; None if there is none."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
-    files = [
-        n
-        for n in container.find(METADATA)
-        if named in (None, n) or re.fullmatch(IMAGES, PurePosixPath(named or "").name, re.I)
-    ]
-    found, damaged = [], list[str]()
-    for member in files:
-        root = container.tree(member, damaged)
-        if root is None:
-            continue
+    files, found = container.find(METADATA), []
+    for member in [named] if named in files else files:
+        root = container.tree(member)
         tiles = [n.get("href", "") for n in root.iter("DATA_FILE_PATH")]
         if named and named not in (member, *(container.beside(member, t) for t in tiles)):
             continue
         if (said_number(root, ".//Raster_Dimensions/NBANDS") or 0) > 1 or named:
             found.append((member, root, tiles))
     if not found:
-        if damaged and (named is None or named in files):
-            raise InputError(f"{damaged[0]}. Download it again, or name the image itself.")
         return None
     if len(found) > 1:
         raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))

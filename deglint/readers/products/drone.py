@@ -22,7 +22,8 @@ import numpy as np
 
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
-from .metadata import Container, MetadataError, number, numbers, positive, tags_of, xml_of
+from ..text import number, numbers, positive
+from .metadata import Container, MetadataError, tags_of, xml_of
 from .product import Product, ProductBand, filled
 
 METADATA = r"(?!)"  # each file has its own
@@ -116,11 +117,9 @@ def facts_of(info: RasterInfo) -> Facts:
     for node in root.iter():
         for name, value in node.attrib.items():
             found.setdefault(name.rpartition("}")[2], [value.strip()])
-        items = [(n.text or "").strip() for n in node.iter("li")]
-        if node.tag not in ("li", "Seq", "Bag", "Description", "RDF", "xmpmeta") and (
-            items or (node.text or "").strip()
-        ):
-            found.setdefault(node.tag, items or [(node.text or "").strip()])
+        items = [(n.text or "").strip() for n in node.iter("li")] or [(node.text or "").strip()]
+        if any(items):
+            found.setdefault(node.tag, items)
     return found
 
 

@@ -11,7 +11,8 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
-from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
@@ -20,7 +21,11 @@ _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE
                "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
 """Groups of factors and of largest values, by level."""
 SURFACE = (2.75e-05, -0.2)
-"""Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing or damaged."""
+"""Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
+_WITHOUT_MTL = {
+    "1": "the numbers are taken as they stand. Download it again, or give --scale and --offset",
+    "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
+}
 FULL = 65535.0
 """Largest value of the products if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)."""
 LANDSAT_ORBIT = 705_000.0
@@ -32,20 +37,21 @@ CIRRUS = (1373.5, 20.0)
 
 def find(container: Container) -> Product | None:
     """The product in a folder or archive, or of a selected band file; None if there is none."""
-    metadata, named = container.find(METADATA), container.named
-    images = container.matches(IMAGES)
-    if named in metadata:
-        images = [(n, m) for n, m in images if m["scene"] == _stem(named or "")]
-    elif named is not None:
-        images = [(n, m) for n, m in images if n == named]
-    scenes = sorted({m["scene"] for _, m in images})
+    named, images = container.named, container.matches(IMAGES)
+    if named is not None:
+        images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]
     if not images:
         return None
+    scenes = sorted({m["scene"] for _, m in images})
     if len(scenes) > 1:
         raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     (scene,) = scenes
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
-    root, notes = _metadata(container, [m for m in metadata if _stem(m) == scene], level)
+    own = sorted(
+        (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)
+    )
+    root = container.tree(own[0], _MTL_GROUPS[level][0]) if own else None
+    notes = [] if own else [f"{container.path} has no *_MTL.txt: {_WITHOUT_MTL[level]}"]
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]
     facts = None if root is None else root.find(".//IMAGE_ATTRIBUTES")
     elevation = said_number(facts, "SUN_ELEVATION")
@@ -68,15 +74,6 @@ def find(container: Container) -> Product | None:
 
 def _stem(member: str) -> str:
     return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
-
-
-def _metadata(container: Container, files: list[str], level: str) -> tuple[ET.Element | None, list[str]]:
-    """The MTL file; where there is none that can be read, what to say."""
-    remedy = "the numbers are taken as they stand. Download it again, or give --scale and --offset"
-    if level == "2":
-        remedy = f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed"
-    files = sorted(files, key=lambda m: (not m.lower().endswith(".txt"), m))
-    return container.metadata(files, "*_MTL.txt", remedy, _MTL_GROUPS[level][0])
 
 
 def _band(path: str, name: str, digit: str, level: str, root: ET.Element | None) -> ProductBand:

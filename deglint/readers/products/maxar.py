@@ -13,7 +13,8 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ...errors import InputError
-from .metadata import Container, last, positive, said, tags_of, tree_of
+from ..text import positive
+from .metadata import Container, MetadataError, last, said, tags_of
 from .product import Product, ProductBand
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
@@ -40,21 +41,24 @@ def find(container: Container) -> Product | None:
         stems &= {_stem(named)}
     found = []
     for stem in sorted(stems):
-        root, notes = _metadata(container, stem)
-        letters = _letters(root)
-        image = _image(container, stem)
-        if image and (len(letters) > 1 or (letters and named)):
-            found.append((stem, image, root, notes))
-        elif image and notes and named and named != image:
-            raise InputError(f"{notes[0]}. Download it again, or name the image itself: {container.gdal(image)}")
+        beside = (container.beside(stem, last(stem) + ending) for ending in (".imd", ".xml"))
+        member, image = next(filter(None, beside), None), _image(container, stem)
+        if member and image:
+            root = container.tree(member)
+            root = next(root.iter("IMD"), root)
+            if not _letters(root):
+                raise MetadataError(member, "it has no group BAND_")
+            if len(_letters(root)) > 1 or named:
+                found.append((stem, image, root))
     if len(found) > 1:
         names = (container.gdal(stem) for stem, *_ in found)
         raise container.several("multispectral images", names, "Name the .IMD file of one.")
     return _product(container, *found[0]) if found else None
 
 
-def _product(container: Container, stem: str, image: str, root: ET.Element | None, notes: list[str]) -> Product:
+def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:
     """The product of an image, by its metadata."""
+    notes = []
     satellite, enhanced = said(root, ".//SATID"), said(root, ".//RADIOMETRICENHANCEMENT").upper()
     title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
     preset = sensors.find(preset_name)
@@ -79,34 +83,20 @@ def _product(container: Container, stem: str, image: str, root: ET.Element | Non
     return Product(kind, last(stem), tuple(bands), preset.name if preset else None, tags, tuple(notes))
 
 
-def _letters(root: ET.Element | None) -> list[str]:
+def _letters(root: ET.Element) -> list[str]:
     """Letters of the bands, in the order of the image."""
-    return [] if root is None else [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
+    return [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
 
 
 def _stem(member: str) -> str:
     return str(PurePosixPath(member).with_suffix(""))
 
 
-def _metadata(container: Container, stem: str) -> tuple[ET.Element | None, list[str]]:
-    """The IMD file, else the same in the XML file; where neither can be read, what to say."""
-    notes: list[str] = []
-    for ending in (".imd", ".xml"):
-        member = container.beside(stem, last(stem) + ending)
-        root = container.tree(member, notes)
-        if root is not None:
-            root = next(root.iter("IMD"), root)
-            if _letters(root):
-                return root, []
-            notes.append(f"{member} is damaged: it has no group BAND_")
-    return None, notes
-
-
 def _image(container: Container, stem: str) -> str | None:
     """The mosaic of several tiles, else the one image of that name; tiles lie beside it."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
-        names = [said(n, ".") for n in tree_of(container.read(til), til).iter("FILENAME")]
+        names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]
         tiles = [container.beside(til, n) if re.fullmatch(r"[\w. +-]+", n) else None for n in names]
         if None in tiles or not tiles:
             raise InputError(f"{til}: not every tile that it names lies beside it. Name one image, or get them all.")

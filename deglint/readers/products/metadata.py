@@ -19,6 +19,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from ...errors import InputError, ReadError
+from ..text import number
 
 MOST_MEMBERS = 20_000
 """Most members of a folder that are listed: a folder that is no product may be large."""
@@ -28,6 +29,9 @@ _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 class MetadataError(InputError):
     """Metadata are damaged, or have the wrong format."""
+
+    def __init__(self, name: str, why: object) -> None:
+        super().__init__(f"{name} is damaged: {why}. Download it again, or name the image itself.")
 
 
 @dataclass(frozen=True)
@@ -85,28 +89,24 @@ class Container:
         except _DAMAGED as error:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
-    def tree(self, member: str | None, notes: list[str], otherwise: str = "", *, needs: str = "") -> ET.Element | None:
-        """The metadata in a member; None where there is none, or where they are damaged or lack the element `needs`.
+    def tree(self, member: str, needs: str = "") -> ET.Element:
+        """The metadata in a member, XML, JSON or lines of groups (MTL, IMD, TIL): objects and groups are elements.
 
-        What is damaged is noted in `notes`, in a line that ends with `otherwise`.
+        MetadataError where they are damaged, or lack the element `needs`.
         """
-        if member is None:
-            return None
-        try:
-            root = tree_of(self.read(member), member)
-            if needs and root.find(f".//{needs}") is None:
-                raise MetadataError(f"{member} is damaged: it has no {needs}")
-        except MetadataError as error:
-            notes.append(f"{error}{otherwise}")
-            return None
+        data, ending = self.read(member), member.lower()
+        if ending.endswith(".xml"):
+            root = xml_of(data, member)
+        elif ending.endswith(".json"):
+            try:
+                root = _grown("", json.loads(data))
+            except ValueError as error:
+                raise MetadataError(member, "it is not JSON") from error
+        else:
+            root = _grown("", groups_of(data.decode("utf-8-sig", errors="replace")))
+        if needs and root.find(f".//{needs}") is None:
+            raise MetadataError(member, f"it has no {needs}")
         return root
-
-    def metadata(self, members: list[str], what: str, remedy: str, needs: str) -> tuple[ET.Element | None, list[str]]:
-        """The metadata in the first of some members; where they cannot be read, a note that ends with `remedy`."""
-        if not members:
-            return None, [f"{self.path} has no {what}: {remedy}"]
-        notes: list[str] = []
-        return self.tree(members[0], notes, f": {remedy}", needs=needs), notes
 
 
 def last(member: str) -> str:
@@ -146,22 +146,10 @@ def xml_of(data: bytes, name: str) -> ET.Element:
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise MetadataError(f"{name} is damaged: {error}") from error
+        raise MetadataError(name, error) from error
     for node in root.iter():
         node.tag = node.tag.rpartition("}")[2]
     return root
-
-
-def tree_of(data: bytes, name: str) -> ET.Element:
-    """Metadata in XML, in JSON, or in lines of groups (MTL, IMD, TIL) as one tree: objects and groups are elements."""
-    if name.lower().endswith(".xml"):
-        return xml_of(data, name)
-    if not name.lower().endswith(".json"):
-        return _grown("", groups_of(data.decode("utf-8-sig", errors="replace")))
-    try:
-        return _grown("", json.loads(data))
-    except ValueError as error:
-        raise MetadataError(f"{name} is damaged: it is not JSON") from error
 
 
 def _grown(tag: str, value: Any) -> ET.Element:
@@ -196,27 +184,6 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
         elif value != "(":
             found.setdefault(inside[-1], {})[name.upper()] = value
     return found
-
-
-def number(value: Any) -> float | None:
-    """A finite number, or None."""
-    try:
-        found = float(value)
-    except (TypeError, ValueError):
-        return None
-    return found if math.isfinite(found) else None
-
-
-def positive(value: Any) -> float | None:
-    """A finite number above 0, or None."""
-    found = number(value)
-    return found if found is not None and found > 0 else None
-
-
-def numbers(text: str | None) -> list[float]:
-    """The numbers in a text, separated by blanks or commas; empty if any is not a number."""
-    found = [number(part) for part in (text or "").replace(",", " ").split()]
-    return [] if None in found else [n for n in found if n is not None]
 
 
 def said(node: ET.Element | None, *paths: str) -> str:

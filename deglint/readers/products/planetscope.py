@@ -12,7 +12,8 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from .metadata import Container, angle_tags, last, positive, said, said_number, tags_of
+from ..text import positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
@@ -31,21 +32,20 @@ def find(container: Container) -> Product | None:
     """The product in a folder or archive; None if there is none."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
-    if named and named not in images:
+    if named in images:
+        images = {named: images[named]}
+    elif named:
         stem = re.sub(r"(_[13][AB]_AnalyticMS.*)?_metadata.*$", "", last(named), flags=re.IGNORECASE)
         images = {n: match for n, match in images.items() if last(n).startswith(stem)}
-    elif named:
-        images = {named: images[named]}
     if not images:
         return None
     if len(images) > 1:
         raise container.several("PlanetScope images", map(last, images))
     ((image, match),) = images.items()
     root, notes = ET.Element("scene"), list[str]()
-    for member in (n for n in container.find(METADATA) if last(n).startswith(match["scene"])):
-        found = container.tree(member, notes, ", and is not used. Download it again")
-        root.extend([] if found is None else [found])
-    factors, surface = _factors(root), match["surface"] is not None
+    root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
+    surface, nodes = match["surface"] is not None, root.iter("bandSpecificMetadata")
+    factors = {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
     eight = "_8b" in match["rest"].lower() or len(factors) == 8
     instrument = said(root, ".//Instrument/shortName", ".//instrument")
     bands, sensor = _bands(container.gdal(image), eight, instrument)
@@ -68,12 +68,6 @@ def find(container: Container) -> Product | None:
     tags = tags_of({"instrument": instrument, "acquired": when, "view_angle": view_angle} | angles)
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], tuple(bands), sensor, tags, tuple(notes))
-
-
-def _factors(root: ET.Element) -> dict[int, ET.Element]:
-    """What the XML says of each band, by its number from 1."""
-    nodes = root.iter("bandSpecificMetadata")
-    return {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:

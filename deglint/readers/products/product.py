@@ -63,13 +63,10 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
         with open_dataset(path) as dataset:
             info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
         if info.count != len(bands) and len(bands) > 1:
-            notes.append(
-                f"{path} has {info.count} bands and the metadata name {len(bands)}: opened without what they say"
-            )
+            notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
             infos.append(info)
             continue
-        own = scaled_by_itself(info)
-        if own:
+        if own := scaled_by_itself(info):
             notes.append(f"{path}: {own}")
         infos.append(filled(info, bands, {**product.tags, "product": product.name}, product.sensor))
     return infos, notes

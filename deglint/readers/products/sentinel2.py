@@ -13,7 +13,8 @@ from pathlib import PurePosixPath
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from .metadata import Container, angle_tags, last, numbers, positive, said, said_number, tags_of
+from ..text import numbers, positive
+from .metadata import Container, angle_tags, last, said, said_number, tags_of
 from .product import Product, ProductBand
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
@@ -46,9 +47,8 @@ def find(container: Container) -> Product | None:
     granules = {_granule(n) for n in images} - {""}
     if len(granules) > 1:
         raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
-    root, notes = container.metadata(
-        metadata, "MTD_MSIL1C.xml or MTD_MSIL2A.xml", _AS_STORED, "Product_Image_Characteristics"
-    )
+    root = container.tree(metadata[0], "Product_Image_Characteristics") if metadata else None
+    notes = [] if metadata else [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {_AS_STORED}"]
     single = container.named in images
     chosen, left = _chosen(images, single=single)
     if left:
@@ -65,7 +65,7 @@ def find(container: Container) -> Product | None:
     facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
              "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, next(iter(granules), ""), notes)
+    tags |= _angles(container, next(iter(granules), ""))
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
@@ -100,8 +100,8 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
     """Properties of each band from the metadata; without metadata, wavelengths of the preset."""
     known, values = root is not None, ET.Element("none") if root is None else root
-    quantum = positive(said(values, *(f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))))
-    quantum = quantum or _QUANTUM
+    levels = (f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))
+    quantum = positive(said(values, *levels)) or _QUANTUM
     offsets = {
         node.get("band_id"): said_number(node, ".") or 0.0
         for tag in ("RADIO_ADD_OFFSET", "BOA_ADD_OFFSET")
@@ -138,9 +138,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
 def _width(spectral: ET.Element | None) -> float | None:
     """Full width at half maximum of the spectral response [nm]."""
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
-    step = positive(said(spectral, "Spectral_Response/STEP"))
-    if not values or not step:
-        return None
+    step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
 
 
@@ -151,12 +149,12 @@ def _mask(container: Container, band: str, file: str) -> str | None:
     return next(map(container.gdal, fits), None)
 
 
-def _angles(container: Container, granule: str, notes: list[str]) -> dict[str, str]:
+def _angles(container: Container, granule: str) -> dict[str, str]:
     """Directions of sun and satellite, seen from the ground: means over the tile, and over the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
-    root = container.tree(member, notes, ": the angles of sun and satellite are not known")
-    if root is None:
+    if member is None:
         return {}
+    root = container.tree(member)
     sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
     zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
     return tags_of(
