@@ -107,14 +107,26 @@ def test_what_is_read_beside_the_scene_stays(deglint, scene, monkeypatch, argume
 
 @pytest.mark.parametrize(
     ("one", "two"),
-    [("o.tif", "o.tif"), ("./o.tif", "o.tif"), ("o.tif.json", "o.tif")],
-)
-def test_outputs_do_not_collide(deglint, scene, monkeypatch, one, two):
+    [("o.tif", "o.tif"), ("o.tif.json", "o.tif"), ("o.tif.msk", "o.tif"), ("o.tif.aux.xml", "o.tif"),
+     ("src.tif.msk", "o.tif"), ("src.tif.ovr", "o.tif")],
+)  # fmt: skip
+def test_outputs_do_not_collide_nor_become_parts_of_each_other(deglint, scene, monkeypatch, one, two):
     monkeypatch.chdir(scene)
     before = contents(scene)
     ran = deglint("remove", "src.tif", two, *RUN, "--flags", one)
     assert ran.code == 1
-    assert "two outputs have the same name" in ran.err
+    assert "two outputs have the same name" in ran.err or "would be read as a part of" in ran.err
+    assert contents(scene) == before
+
+
+def test_companions_that_are_read_stay(deglint, scene, monkeypatch):
+    """An image that is replaced takes its old companions with it: here one is the mask."""
+    monkeypatch.chdir(scene)
+    shutil.copy("m.tif", "out.tif.msk")
+    shutil.copy("src.tif", "out.tif")
+    before = contents(scene)
+    ran = deglint("remove", "src.tif", "out.tif", "--mask", "out.tif.msk", "--overwrite")
+    assert "out.tif.msk is --mask" in ran.err
     assert contents(scene) == before
 
 
@@ -240,9 +252,10 @@ def test_a_batch_notices_a_change_of_any_file_behind_a_scene(finished, file, sce
     assert "another state of the scene" in found[1]
 
 
-def test_a_mask_that_goes_is_another_state(finished):
+def test_a_mask_that_comes_or_goes_is_another_state(finished):
     Path("k.tif.msk").unlink()
-    assert [s for s, _ in finished()] == ["finished before", "finished before", "failed"]
+    shutil.copy("m.tif", "src.tif.msk")
+    assert [s for s, _ in finished()] == ["failed", "finished before", "failed"]
 
 
 def test_fingerprints_are_known_again(scene, monkeypatch):

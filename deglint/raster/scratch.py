@@ -1,7 +1,7 @@
 """Atomic writing of several files: either all are written, or none.
 
-A run writes scratch files in the directory of its outputs and renames them when all are complete; a move that fails, or
-that Ctrl-C interrupts, is undone. Scratch files of killed runs are removed by the next run with the same output.
+A run writes scratch files in the directory of its outputs and renames them when all are complete. Meanwhile signals are
+held; a failed move is undone. Scratch files of killed runs are removed by the next run with the same output.
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import glob
 import os
 import secrets
 import shutil
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, ReadError, WriteError
 from .info import gdal_errors, one_line
 from .targets import COMPANIONS
 
+_HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals that are held while files are moved."""
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
 
@@ -50,12 +55,13 @@ class Scratch:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                self._commit()
+                with _signals_held():
+                    self._commit()
         finally:
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every file; after an error or Ctrl-C, rename them back in reverse."""
+        """Rename every file; after an error, rename them back in reverse."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -67,25 +73,45 @@ class Scratch:
                 if target.exists():
                     scratch.chmod(target.stat().st_mode & 0o777)
                     kept.append(_beside(target, "old"))
-                    done.append((target, kept[-1]))
                     target.replace(kept[-1])
-                done.append((scratch, target))
+                    done.append((target, kept[-1]))
                 scratch.replace(target)
-        except (OSError, KeyboardInterrupt) as error:
+                done.append((scratch, target))
+        except OSError as error:
             after = "Nothing was changed"
             for old, new in reversed(done):
                 try:
-                    if new.exists():
-                        new.replace(old)
+                    new.replace(old)
                 except OSError:
                     after = f"{old} is now {new}"
-            if isinstance(error, KeyboardInterrupt):
-                raise
             said = f"{error.strerror or error}: {error.filename2 or error.filename or places[-1][1]}"
             raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
         for _scratch, target in places:  # companions of old files do not hold for the new ones
             _discard(*(Path(f"{target}{ending}") for ending in COMPANIONS))
         _discard(*kept)
+
+
+@contextlib.contextmanager
+def _signals_held() -> Iterator[None]:
+    """Hold signals within the block; afterwards they are raised again.
+
+    This works in the main thread only, where interruptions are raised.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before: dict[int, Any] = {}
+    try:
+        for number in (getattr(signal, name) for name in _HELD_SIGNALS if hasattr(signal, name)):
+            if signal.getsignal(number) is not None:
+                before[number] = signal.signal(number, lambda which, _frame: came.append(which))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:

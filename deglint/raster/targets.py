@@ -1,7 +1,8 @@
 """Names of files: which files are read for an input, and whether an output may be written.
 
-No input file is replaced, nor a file that GDAL reads with it (nested sources of VRTs included), and no existing file
-without permission. Files are compared by device and inode, so that links and other spellings are recognised.
+No input file is replaced, nor any of the files that GDAL reads with it (nested sources of VRTs included), and no
+existing file without permission. Files are compared by device and inode, so that links and other spellings are
+recognised; names of files that do not exist are compared after resolution.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
 
 
 def _read_with(name: str) -> Iterator[str]:
-    """The files that GDAL lists for a raster and for the VRTs among its sources, and the archives they lie in."""
+    """The files that GDAL lists for a raster, or for the VRTs among its sources, and the archives they lie in."""
     yield from _local(name)
     waiting, seen = [name, *_local(name)], set[str]()
     while waiting:
@@ -65,6 +66,10 @@ def _read_with(name: str) -> Iterator[str]:
             continue
         for other in listed:
             yield from (other, *_local(other))
+            if mosaic:
+                stem = os.path.splitext(other)[0]  # noqa: PTH122  (sources are not opened: there may be ten thousand)
+                beside = *(f"{other}{ending}" for ending in (*COMPANIONS, ".hdr")), f"{stem}.hdr"
+                yield from filter(os.path.exists, beside)
         waiting += [other for other in listed if mosaic and other.lower().endswith(".vrt")]
 
 
@@ -82,27 +87,45 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
     `reads` are all input names of a run, each with all files behind it; names that are not files ("auto") are skipped.
     With `overwrite`, existing files may be replaced, but no input file.
     """
-    taken = set[tuple[int, int] | str]()
-    for target in targets:
-        if identity(target) in taken:
-            raise InputError(f"two outputs have the same name, {target}; give each its own.")
-        taken.add(identity(target))
+    check_apart(targets)
     check_unread(targets, reads or {})
     for target in targets:
         check_target(target, overwrite=overwrite)
 
 
+def check_apart(targets: Sequence[Path]) -> None:
+    """Check that outputs are different files, and that GDAL would not read one as part of another."""
+    taken: dict[tuple[int, int] | str, Path] = {}
+    for target in targets:
+        if identity(target) in taken:
+            raise InputError(f"two outputs have the same name, {target}; give each its own.")
+        taken[identity(target)] = target
+    for target in targets:
+        for companion in _companions(target):
+            if (other := taken.get(identity(companion))) is not None:
+                raise InputError(f"{other} would be read as a part of {target}. Give that output another name.")
+
+
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Check that no output replaces an input file."""
+    """Check that no output replaces an input file, or would be read as part of one."""
     held: dict[tuple[int, int] | str, str] = {}
+    beside: dict[tuple[int, int] | str, str] = {}
     for what, names in reads.items():
         given = [str(name) for name in names]
         for file in files_behind(given):
             held.setdefault(identity(file), f"is {what}" if file in given else f"is read with {what}")
+            beside |= {identity(companion): file for companion in _companions(Path(file))}
     for target in targets:
-        if found := held.get(identity(target)):
-            lost = "it would be written over, and would be lost"
-            raise InputError(f"{target} {found}: {lost}. Give that output another name.")
+        for path in (target, *_companions(target)):  # an image that is replaced takes its old companions with it
+            if found := held.get(identity(path)):
+                lost = "it would be written over, and would be lost"
+                raise InputError(f"{path} {found}: {lost}. Give that output another name.")
+        if (whose := beside.get(identity(target))) is not None:
+            raise InputError(f"{target} would be read as a part of {whose}. Give that output another name.")
+
+
+def _companions(path: Path) -> list[Path]:
+    return [Path(f"{path}{ending}") for ending in COMPANIONS]
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
