@@ -47,8 +47,6 @@ log = logging.getLogger(__name__)
 READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
 """Keywords of `score_file` that go to `deglint.open_scene`."""
 FILES = ("p_value", "flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
-AFFINE = ("hedley", "lyzenga", "joyce", "nir-subtraction")
-"""Glint removals that subtract a multiple of the NIR from each band."""
 _MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
 _FEW_PIXELS = 10  # pixels per band below which the error of the estimated covariance raises the scores noticeably
 
@@ -313,7 +311,8 @@ def _removal_without_effect(plan: Plan) -> str | None:
         made = read_json(f"{plan.scene.path}.json", "sidecar")
         model = made["model"]
         kept = {model["band_names"][b] for index in model["indexes"] for b in index["bands"]} <= set(plan.names)
-        affine = model["method"] in AFFINE and bool(model["fits"]) and not made["pixels"]["protected"]
+        pointwise = not made["compensation"]["chain"] and not any(index["offsets"] for index in model["indexes"])
+        affine = pointwise and bool(model["fits"]) and not made["pixels"]["protected"]
     except (DeglintError, KeyError, TypeError, IndexError):
         return None
     if not (affine and kept):
