@@ -44,8 +44,7 @@ log = logging.getLogger(__name__)
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Optional outputs beside the image, and the endings of their file names."""
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
-STOP_PATIENCE = 10.0
-"""Time that a worker has to remove temporary files when the batch is stopped [s]."""
+STOP_PATIENCE = 10.0  # time that a worker has to remove temporary files when the batch is stopped [s]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Checks of arguments of public functions: each error names the argument, the allowed values and the given value."""
 
-from __future__ import annotations
-
 import difflib
 import inspect
 import os

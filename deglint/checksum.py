@@ -1,7 +1,5 @@
 """Size, modification time and CRC-32 of all input files, computed in a separate thread."""
 
-from __future__ import annotations
-
 import stat
 import threading
 import zlib

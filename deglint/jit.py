@@ -1,7 +1,5 @@
 """numba's compiler with an optional disk cache; kernels import `njit` from this module."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

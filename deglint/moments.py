@@ -31,8 +31,7 @@ Mask = npt.NDArray[np.bool_]
 _NEAR_MEAN = 0.9
 """Largest share of the sum of squares about a typical pixel that is due to its distance from the mean: a loss of three
 bits."""
-CELL = 64
-"""Side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics."""
+CELL = 64  # side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """Masks grown and opened by a square."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """HTML representation of objects in a notebook: a table of escaped text beside a small picture (an embedded PNG)."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Sequence
 from html import escape
@@ -10,10 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-PICTURE_SIDE = 192
-"""Longest side of a picture [pixel]."""
-MOST_ROWS = 40
-"""Most rows of a table; hyperspectral scenes have hundreds of bands."""
+PICTURE_SIDE = 192  # longest side of a picture [pixel]
+MOST_ROWS = 40  # most rows of a table; hyperspectral scenes have hundreds of bands
 GAMMA = 1.8
 
 

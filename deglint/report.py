@@ -1,7 +1,5 @@
 """Pictures of the result: before and after, side by side, in the same stretch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import cast
 
@@ -15,8 +13,7 @@ from .remove import GlintModel
 from .scene import Scene
 from .tiles import tile_shape, tiles
 
-LONGEST_PICTURE = 900
-"""Longest side of each picture [pixel]."""
+LONGEST_PICTURE = 900  # longest side of each picture [pixel]
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:

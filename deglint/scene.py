@@ -5,8 +5,6 @@ physical units (scale and offset applied), with NaN where a pixel is not valid. 
 `deglint.readers` makes scenes, `deglint.raster` reads their pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -17,8 +15,7 @@ import numpy.typing as npt
 from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
-MIDDLE = 768
-"""Side of the central part of a scene in a small picture [pixel]."""
+MIDDLE = 768  # side of the central part of a scene in a small picture [pixel]
 Window = tuple[tuple[int, int], tuple[int, int]]
 """((first row, last row + 1), (first column, last column + 1))."""
 

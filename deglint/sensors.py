@@ -4,7 +4,7 @@ The data are in `sensors.toml` beside this module, with their sources and whethe
 not known are None.
 """
 
-from __future__ import annotations
+from __future__ import annotations  # `deglint.readers.sensorfile` reads types of fields as text
 
 import re
 from collections.abc import Mapping

@@ -23,19 +23,14 @@ from .scene import Window
 Result = TypeVar("Result")
 Run = Callable[..., Iterator[tuple[Any, Any]]]
 """Type of functions that run work on tiles, with the signature of `run`."""
-SAMPLES = 4 << 20
-"""Values (pixels times bands) that a tile aims at."""
-MOST_SAMPLES = 32 << 20
-"""Values that a tile may have where the file's blocks ask for it."""
-SAMPLES_AT_ONCE = 32 << 20
-"""Values that may be worked on at the same time; large tiles get fewer threads."""
-COMPACT = 512
-"""Side of the tiles of work that needs a halo and many copies [pixel]."""
+SAMPLES = 4 << 20  # values (pixels times bands) that a tile aims at
+MOST_SAMPLES = 32 << 20  # values that a tile may have where the file's blocks ask for it
+SAMPLES_AT_ONCE = 32 << 20  # values that may be worked on at the same time; large tiles get fewer threads
+COMPACT = 512  # side of the tiles of work that needs a halo and many copies [pixel]
 MOST_WITH_HALO = 3 << 20
 """Most values of such a tile with its halo: removal holds a prediction for every band. With 5 << 20, two threads take
 310 MB in place of 225, and the same time."""
-LONGEST_SIDE = 1024
-"""Longest side of a tile [pixel], unless the file is in strips."""
+LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the file is in strips
 
 
 @dataclass(frozen=True, slots=True)

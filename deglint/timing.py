@@ -1,12 +1,9 @@
 """Remaining time of a stage, from the rate of finished tiles; and progress as log lines."""
 
-from __future__ import annotations
-
 import logging
 import time
 
-LOG_EVERY = 30.0
-"""Least time between two log lines on progress [s]: a stage that takes less needs none."""
+LOG_EVERY = 30.0  # least time between two log lines on progress [s]: a stage that takes less needs none
 log = logging.getLogger(__name__)
 
 

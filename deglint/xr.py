@@ -11,8 +11,6 @@ The same functions of a tile run as for files, on the array's own chunks with a 
 `deglint remove` to the bit. Takes what rioxarray, odc-stac and stackstac give.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Callable, Mapping

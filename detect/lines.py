@@ -16,8 +16,7 @@ from .arrays import Float32, Float64
 from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
-_FIRST = 4
-"""Pixels per band that the statistics need before a line is scored."""
+_FIRST = 4  # pixels per band that the statistics need before a line is scored
 _OUT = 5.0
 """Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics: 5e-4 of
 normal pixels of 4 bands."""

@@ -19,13 +19,11 @@ from .arrays import Float32, Float64, Mask
 
 FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window of water that contrast is taken from [pixel]
-_SIGMA = 6.0
-"""Contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one."""
+_SIGMA = 6.0  # contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one
 _CHANCE = 0.05
 """Maximum expected number of motions by chance in an image: some of many wave crests fit a uniform motion."""
 _NEAR = 1.0  # maximum distance of a detection from a uniform motion [pixel]
-_SLOWEST = 0.25
-"""Minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured."""
+_SLOWEST = 0.25  # minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured
 
 
 @dataclass(frozen=True)

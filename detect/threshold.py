@@ -28,8 +28,7 @@ THRESHOLDS = ("gpd", "empirical", "f", "chi2")
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50
 _TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or few scores, ask for it
-_ENOUGH = 10
-"""Minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object."""
+_ENOUGH = 10  # minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object
 _POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
 """Of the spline through the p-values: how far it goes, nodes, and the least p-value."""

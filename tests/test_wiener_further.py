@@ -97,7 +97,31 @@ def test_the_noise_of_a_sharpening_kernel_is_not_taken_for_the_level():
     prediction = (20 + glint + 5 * rng.normal(size=glint.shape)).reshape(1, -1)
     around = (20 + glint + 5 / 3 * rng.normal(size=glint.shape)).ravel()
     value = np.full_like(prediction, 1e4)
-    own, mean = (shared_level(LevelSample(prediction, value, a, np.ones(a.shape, bool)), np.ones(1))[0][0]
+    everywhere, one = np.ones(around.shape, bool), np.ones(1)
+    own, mean = (shared_level(LevelSample(prediction, value, a, prediction[:0], everywhere), one)[0][0]
                  for a in (prediction[0], around))  # fmt: skip
     assert abs(mean - 20) < 0.5
     assert own < 18
+
+
+def test_errors_of_the_kernels_do_not_raise_the_level_under_dense_glint():
+    rng = np.random.default_rng(4)
+    prediction, error = 20 + 500 * rng.random((1, 40_000)), 30 * rng.normal(size=(1, 40_000))
+    value, everywhere = prediction - error, np.ones(40_000, bool)
+    local = error / 15  # of means over 15 x 15 pixels
+    means, pixels = (
+        shared_level(LevelSample(prediction, value, prediction[0], a, everywhere), np.ones(1))[0][0]
+        for a in (local, local[:0])
+    )
+    assert abs(means - 20) < 10
+    assert pixels > 80
+
+
+def test_noise_is_not_taken_for_a_sheet_where_sparkle_is_rare():
+    rng = np.random.default_rng(5)
+    prediction = 100 + 5 * rng.normal(size=(1, 40_000))
+    prediction[0, ::400] += 2000
+    sample = LevelSample(prediction, 1e4 + prediction, prediction[0], prediction[:0], np.ones(40_000, bool))
+    fine, coarse = (shared_level(sample, np.ones(1), resolved=r)[0][0] for r in (True, False))
+    assert abs(fine - 100) < 5
+    assert coarse < 88

@@ -1,7 +1,5 @@
 """The candidate recipes for a scene, simplest first; of equally good candidates the first is chosen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from ..compensate import Setting
@@ -11,8 +9,7 @@ SMALLEST_OPENING, LARGEST_OPENING = 5, 13
 """Windows of an opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
 OF_OBJECT = 0.85
 """Window of the opening as a share of the width of the smallest object: such a window preserves its corners."""
-LONG = 1.5
-"""Least width of a window in widths of a clump of glint, so that it reaches the water on both sides."""
+LONG = 1.5  # least width of a window in widths of a clump of glint, so that it reaches the water on both sides
 
 
 @dataclass(frozen=True)

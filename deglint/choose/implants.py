@@ -6,8 +6,6 @@ attenuated by some metres of water. The gain of a recipe is the share of a signa
 kept, 0 where it is lost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,15 +20,12 @@ from ..scene import Band
 SCALES = (1, 3, 9, 27)
 """Windows of the local means between which textures lie [pixel]: factors of three divide the range from one pixel to
 the length of swell."""
-DEPTH = 3.0
-"""Depth of textures and discs [m]: weak in the red and invisible in the NIR."""
+DEPTH = 3.0  # depth of textures and discs [m]: weak in the red and invisible in the NIR
 TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water: of textures (standard deviation) and discs; radiance of white targets relative to the water
 in the blue. All are easily visible in an image without glint."""
-SEED = 1
-"""Seed of the random generator: the same tiles always get the same signals."""
-CHLOROPHYLL = 0.1
-"""Chlorophyll of the water above textures and discs [mg m-3]."""
+SEED = 1  # seed of the random generator: the same tiles always get the same signals
+CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,6 @@ an offset that glint left (`level_excess`): an opening sees the water itself, wh
 pixels with the least glint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -31,15 +29,12 @@ import numpy as np
 from ..moments import Float64
 from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
 
-SHARE = 0.01
-"""Assumed share of a scene that is covered by objects, and by plumes."""
+SHARE = 0.01  # assumed share of a scene that is covered by objects, and by plumes
 SIGNAL = 0.05
 """Lower limit of the signal at every scale, relative to the water: the weakest that an analyst sees in an image without
 glint. Sample tiles are few, and may not contain the objects of interest."""
-ZERO_GAIN = 0.05
-"""Gains below this are set to 0: the uncertainty of a gain estimated from a few tiles."""
-HALF = 0.5
-"""The same limit for the gain of plumes, of which there is only one in a tile."""
+ZERO_GAIN = 0.05  # gains below this are set to 0: the uncertainty of a gain estimated from a few tiles
+HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
 GLINT_OF_NIR = 2.0
 """Largest texture of glint in a band relative to that in the NIR and to the sun's spectrum: 0.6 to 1.3 in simulated
 seas, up to 1.9 at the finest scale, where bands differ in blur. Shallow bottoms have up to 80."""

@@ -30,13 +30,11 @@ LARGEST_DISC = 16.0
 """Width of the widest implanted disc [pixel]: wider ones are preserved by every window that is tried."""
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
-FAR_OUT = 8.0
-"""Least contrast of a ship with its surroundings [robust standard deviations]."""
+FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard deviations]
 EVEN, MIRRORED = 0.55, 0.2
 """Least even share of variance, and largest standard deviation relative to the water, of mirrored sky: .55 to 1.3 and
 .003 to .05 in simulated seas. Dense sun glint is as even, but varies by .4 to 1.3; sparse sun glint is not even."""
-LEAST_TRIED = 2000
-"""Fewest pixels of water with which candidates are tried: fewer do not determine texture."""
+LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer do not determine texture
 
 
 @dataclass(frozen=True)

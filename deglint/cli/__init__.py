@@ -1,7 +1,5 @@
 """The command `deglint`: one module for each subcommand, imported when it is called."""
 
-from __future__ import annotations
-
 import os
 import sys
 from typing import NoReturn

@@ -4,8 +4,6 @@ The library logs to "deglint", "detect" and their child loggers, and installs no
 handler while it runs; scripts and notebooks install their own.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """A command whose `--help` lists its options in groups, with bold headings on a terminal."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import click
@@ -22,8 +20,7 @@ OPTION_GROUPS = {
     "Messages": ("as_json", "verbose", "quiet", "help"),
 }  # fmt: skip
 """Headings and the names of the parameters below them; other parameters are listed under "Input"."""
-SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
-"""click settings of a grouped command."""
+SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a grouped command
 
 
 class _Formatter(click.HelpFormatter):

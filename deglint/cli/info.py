@@ -1,7 +1,5 @@
 """`deglint info`: properties of a raster, and the expected error of each candidate recipe."""
 
-from __future__ import annotations
-
 import json
 import logging
 from typing import Any

@@ -1,7 +1,5 @@
 """Options that several commands share, and parsers of their values."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """`deglint plan`: viewing geometries without sun glint."""
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Modes of `deglint plan`: one reticle, a sweep over time, an uncertain wind, a flight line, a web page."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Mapping

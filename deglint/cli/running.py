@@ -1,7 +1,5 @@
 """Running a command: subcommands are imported when called, an error becomes one line and an exit code."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import os

@@ -1,7 +1,5 @@
 """`deglint simulate`: synthetic scenes of the sea with their ground truth."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -14,8 +14,6 @@ References
 Serra (1982), Image Analysis and Mathematical Morphology, chapter II, ISBN 978-0126372403.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -29,8 +27,7 @@ from .state import Float32, Sample, Setting, State
 
 OPENING_WINDOW = 13
 """Default window [pixel]: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
-SMALLEST_OUTLINE = 7
-"""Smallest window whose octagon and diamond differ from a square [pixel]."""
+SMALLEST_OUTLINE = 7  # smallest window whose octagon and diamond differ from a square [pixel]
 MOST = 2.0
 """Largest ratio of an outline in one band to the brighter of its neighbours in time, in units of glint: the difference
 in the visible that one metre of water makes."""
@@ -43,16 +40,14 @@ ABOVE = 1.5
 COVER_K = 3.0
 """Standard deviations above the background from which a pixel counts as glint in the fraction of glint pixels (0.1 % of
 normal noise)."""
-HALF_NORMAL = 0.399
-"""Mean depth of normal noise below its centre, over all pixels [standard deviation]."""
+HALF_NORMAL = 0.399  # mean depth of normal noise below its centre, over all pixels [standard deviation]
 RAISED = 4.0
 """Ratio of pixels with a raised background (faint glint, or glint within the window) to pixels with certain glint."""
 PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit lies this many standard deviations below the water around it; and the share of pits above which an image counts
 as ringing. Normal noise has 3e-7, simulated seas have up to 1e-4; scenes resampled by cubic convolution or Lanczos have
 4e-4 to 1e-2 in every band."""
-PIT_SIDE = 9
-"""Side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels."""
+PIT_SIDE = 9  # side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels
 
 
 def opening(band: Float32, size: int, cut: int = 0) -> Float32:

@@ -1,7 +1,5 @@
 """Fit and apply a chain of stages and the removal; each is fitted to the result of the stages before it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Glint by one threshold for the whole scene: the median of deep water plus some standard deviations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -10,8 +8,7 @@ import numpy as np
 from ..remove.noise import noise, spread
 from .state import Sample, Setting, State, full_scale
 
-K = 5.0
-"""Standard deviations above the median, as in Fink (2014), section 6.3."""
+K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Adaptive median: glint that no other stage replaced takes the median of glint-free pixels around it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,12 +10,9 @@ from ..errors import InputError
 from .replace_glint import put
 from .state import Float32, Mask, State
 
-LARGEST_MEDIAN = 25
-"""Default side of the largest window [pixel]: twice the default window of the opening."""
-CLEAN = 5
-"""Number of glint-free neighbours that suffices: the median of fewer is hardly less noisy than one pixel."""
-VALUES_AT_ONCE = 1 << 22
-"""Values processed at a time: 16 MB."""
+LARGEST_MEDIAN = 25  # default side of the largest window [pixel]: twice the default window of the opening
+CLEAN = 5  # number of glint-free neighbours that suffices: the median of fewer is hardly less noisy than one pixel
+VALUES_AT_ONCE = 1 << 22  # values processed at a time: 16 MB
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Normalisation: each band is divided by its level of water, so that bands are comparable."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

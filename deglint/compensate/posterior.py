@@ -23,8 +23,6 @@ Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 16
 doi:10.1109/TPAMI.1980.4766994 (local mean and variance).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -40,14 +38,12 @@ GLINT_QUANTILES = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
 CLUMP_REACH = 0.9
 """Half of the window's side, in widths of a clump: glint is uncorrelated there. Results change by less than 5 % from .6
 to 1.6."""
-NARROWEST_CLUMP = 3
-"""Lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain."""
+NARROWEST_CLUMP = 3  # lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain
 WAVES_RESOLVED, RESOLVED, STRONG_QUANTILE = 5.0, 3.0, 0.993
 """Pixels above this quantile have strong glint. At pixels of 5 m and more, an image is changed only if they vary by a
 factor of 3 more than water with little glint, in the mean over bands: the factor is 1.1 to 2.7 at 10 m, from texture
 that grows with the waves. Smaller pixels hold parts of a wave, and glint of few facets, which varies within waves."""
-WIDEST_CLUMP = 32
-"""Largest lag of the autocorrelation of glint [pixel]."""
+WIDEST_CLUMP = 32  # largest lag of the autocorrelation of glint [pixel]
 TABLE_ENTRIES = 2048
 """Entries of the lookup table of variances, at squares of even steps: direct interpolation is ten times slower."""
 LEAST_VARIANCE = np.float32(0.01)

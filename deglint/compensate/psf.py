@@ -1,7 +1,5 @@
 """The point spread function (PSF) of a band: the image of a point source, blurred by optics, detector and motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -14,8 +12,7 @@ from ..physics.sensor import psf as sample_psf
 
 MOST_TRUNCATED = 0.03
 """Share of the light that may fall outside the kernel: less than the effect of an error of 5 % in the f-number."""
-MAX_RADIUS = 10
-"""Largest radius of a kernel [pixel]: the light outside decreases as 1 / radius, while the cost grows."""
+MAX_RADIUS = 10  # largest radius of a kernel [pixel]: the light outside decreases as 1 / radius, while the cost grows
 
 TYPICAL = 6.0, 8e-6
 """f-number and detector pitch [m] of typical optics: the diffraction cutoff is twice the sampling frequency in the red.

@@ -1,7 +1,5 @@
 """Glint replacement: by the band's own background, or by the spectrally nearest band without glint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import ClassVar
 

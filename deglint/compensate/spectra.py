@@ -4,8 +4,6 @@ of them.
 Measured spectra are not needed: eight bands do not resolve their details.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

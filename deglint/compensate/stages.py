@@ -5,8 +5,6 @@ remove``. `remove` is the removal method; stages before it process the scene, st
 removal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial

@@ -132,13 +132,11 @@ class Sample:
         return found
 
 
-FEWEST = 64
-"""Fewest pixels for a level and a standard deviation."""
+FEWEST = 64  # fewest pixels for a level and a standard deviation
 NEARLY, PILED, STEPS = 0.99, 3, 1000
 """A band is saturated at its highest value if at least 3 pixels, and half of those within a percent of it, have exactly
 that value. In images of fewer than 1000 steps pixels have equal values by chance."""
-ROUNDED = 0.999
-"""Share of the saturation value from which pixels count as saturated: values are rounded."""
+ROUNDED = 0.999  # share of the saturation value from which pixels count as saturated: values are rounded
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:

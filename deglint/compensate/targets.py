@@ -45,15 +45,12 @@ within 3 x 3."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 """Least time between the first and the last band [s], in which ripples change; fewest bands: three always fit the three
 parameters of a smooth spectrum."""
-LASTS = 0.1
-"""Time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m."""
+LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LASTING = 0.2
 """Share of faintly lit pixels that keep their brightness in all bands, above which sparkle lasts too long to differ
 from targets: .30 for 20 ms between bands and pixels of 0.9 m, up to .09 where the test works. Targets are brighter."""
-COMMON = 0.1
-"""Share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %."""
-MEAN_WINDOW = 15
-"""Side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels."""
+COMMON = 0.1  # share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
+MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
 """Displacement of later bands in the simulation of false alarms [pixel]: more than a clump of glint, oblique to the
 waves."""
@@ -66,8 +63,7 @@ a target, blurred or hidden by sparkle in one band, extends over two pixels."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
 blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
-DARK_FROM = 700.0
-"""Wavelength from which water is dark, so that bands show mainly sparkle [nm]."""
+DARK_FROM = 700.0  # wavelength from which water is dark, so that bands show mainly sparkle [nm]
 EXCESS_BINS, LOW = 40, -3.0
 """Bins of the histograms of asinh(excess / noise), each a factor of 1.3 as noise and blur vary steady light; and their
 lower end, -10 times the noise."""

@@ -18,8 +18,6 @@ References
 Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/9780429246593 (errors from a known copy).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -31,8 +29,7 @@ from . import posterior
 from .posterior import Posterior
 from .state import FEWEST, Float32, Sample, Setting, State
 
-SPAN = 7
-"""Side of the window for the local range of a background [pixel]: errors occur at edges."""
+SPAN = 7  # side of the window for the local range of a background [pixel]: errors occur at edges
 
 LEAST_R2 = 0.25
 """Share of a band's variance that glint explains, below which the rest is rather the water's: slopes at most double."""

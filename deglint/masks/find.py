@@ -20,10 +20,8 @@ from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
 Votes = npt.NDArray[np.int8]
 
-GLINT_SIZE = 5.0
-"""Width of the widest patches of glint in images with small pixels [m]: blurred facets of waves."""
-WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)
-"""Windows of the opening that are tried, smallest first [pixel]."""
+GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pixels [m]: blurred facets of waves
+WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
 WIDEST_WINDOW, RARE_BRIGHT = 13, 2e-3
 """The largest window where the size of a pixel is not known [pixel]; and the share of isolated bright pixels below
 which these are boats and piers at coarse pixels, not glint, which occurs everywhere on the sea."""
@@ -44,8 +42,7 @@ COARSE_PIXEL = 1.0
 may be brighter than all else, and is not white in bands that are not simultaneous."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
-LEAST_BODY = 25
-"""Fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs."""
+LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 """The brightest clump of glint is the brightest square of 3 x 3 pixels, in three quarters of the squares of 64 pixels;
 in others there may be boats."""
@@ -71,8 +68,7 @@ INTO_GAP = 0.25
 RARE_GLINT = 1e-3
 """Share of the votes for water that may lie above the start of the search for the gap at fine pixels: above it, pixels
 of sparkle are as frequent as mixed pixels of a shore."""
-GAP_BINS = 64
-"""Bins of the histogram in which the gap between water and land is searched."""
+GAP_BINS = 64  # bins of the histogram in which the gap between water and land is searched
 
 
 def fit_water(

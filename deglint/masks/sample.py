@@ -14,22 +14,18 @@ from ..morphology import grown, opened
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, thinned, valid_for, water
 
-SIZE = 15
-"""Side of the square for local statistics of water [pixel]."""
+SIZE = 15  # side of the square for local statistics of water [pixel]
 DISTANCES = (10, 5, 2, 0)
 """Distances from other surfaces than water [pixel]; the first that leaves enough sample is used."""
 SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
 """Shares of the dark, even water with the strongest glint; the first that gives enough pixels is used."""
 MAX_RESIDUAL = 3.0
 """Upper limit of the local visible variance that the NIR does not explain, as a multiple of the typical one."""
-BIMODAL = 0.8
-"""Otsu's separability above which there are two kinds of water (a normal distribution has 0.64)."""
-MANY = 50_000
-"""Most squares used for the limits; they overlap, so more add no information."""
+BIMODAL = 0.8  # Otsu's separability above which there are two kinds of water (a normal distribution has 0.64)
+MANY = 50_000  # most squares used for the limits; they overlap, so more add no information
 SHORE = 9
 """Side of the square of water that must contain a pixel, to exclude shores, ships, piers and mixed pixels [pixel]."""
-CLEANING = 7
-"""Side of the opening that makes the sample compact [pixel]."""
+CLEANING = 7  # side of the opening that makes the sample compact [pixel]
 REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
 
 

@@ -1,7 +1,5 @@
 """Apply a fitted rule to a block: which of its pixels are water."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -12,8 +10,7 @@ from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
 
-ENOUGH_TO_RANK = 100_000
-"""Most values from which a percentile is determined; of more values, every k-th is used."""
+ENOUGH_TO_RANK = 100_000  # most values from which a percentile is determined; of more values, every k-th is used
 
 
 @dataclass(frozen=True, slots=True)

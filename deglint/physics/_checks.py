@@ -1,7 +1,5 @@
 """Errors for values outside the range of a model: name, allowed range, value, remedy."""
 
-from __future__ import annotations
-
 from dataclasses import field, fields
 from typing import Any, cast
 

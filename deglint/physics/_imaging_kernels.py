@@ -1,7 +1,5 @@
 """Compiled loop of `deglint.physics.imaging`."""
 
-from __future__ import annotations
-
 import math
 
 from ..jit import njit

@@ -1,13 +1,10 @@
 """Compiled loops of `deglint.physics.surface`, each over a slab (first row, last row + 1): threads share the work."""
 
-from __future__ import annotations
-
 import math
 
 from ..jit import njit
 
-ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2
-"""Kinds of spreading."""
+ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # kinds of spreading
 
 
 @njit(nogil=True, cache=True)

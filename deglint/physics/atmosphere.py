@@ -14,8 +14,6 @@ doi:10.1364/AO.28.004735. Van Heuklon (1979), "Estimating atmospheric ozone for 
 Energy 22, 63-68, doi:10.1016/0038-092X(79)90060-4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,8 +25,7 @@ from ._checks import Array, Checked, coordinates, day_number, ranged, sun_angle
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
-STANDARD_PRESSURE = 1013.25
-"""Pressure at sea level [hPa]."""
+STANDARD_PRESSURE = 1013.25  # pressure at sea level [hPa]
 _SCALE_HEIGHT = 1.0  # of aerosol [km]
 _RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
 _MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]

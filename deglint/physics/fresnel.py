@@ -7,15 +7,12 @@ References
 Mobley (1994), "Light and Water", Academic Press, section 4.2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 
 from ._checks import Array, within
 
-WATER_INDEX = 1.34
-"""Refractive index of sea water in the visible [1], the usual constant of radiative transfer codes."""
+WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usual constant of radiative transfer codes
 
 
 def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:

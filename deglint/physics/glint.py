@@ -10,8 +10,6 @@ References
 Cox, Munk (1954), doi:10.1364/JOSA.44.000838; see `deglint.physics.slopes`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

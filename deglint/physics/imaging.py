@@ -5,8 +5,6 @@ pixels; taking every n-th point then aliases as the sensor does. The scene is as
 modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

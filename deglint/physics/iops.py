@@ -11,8 +11,6 @@ particles with chlorophyll a concentration in oceanic (case 1) waters", Journal 
 reappraisal", Journal of Geophysical Research 106, 7163-7180, doi:10.1029/2000JC000319.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +20,7 @@ from ._checks import Array, within
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
-CHLOROPHYLL_RANGE = (0.01, 30.0)
-"""Chlorophyll that the model of case-1 water accepts [mg m-3]."""
+CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water accepts [mg m-3]
 
 
 class Iops(NamedTuple):

@@ -5,8 +5,6 @@ they are not published (see the table in the docs). The thesis system is assumed
 of WorldView.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from ._checks import choice

@@ -17,10 +17,8 @@ from ..errors import BandError
 from ._checks import Checked, Floats, ranged, within
 from .tables import WAVELENGTH_RANGE
 
-PLANCK = 6.62607015e-34
-"""Planck constant [J s]."""
-LIGHT_SPEED = 299792458.0
-"""Speed of light [m/s]."""
+PLANCK = 6.62607015e-34  # Planck constant [J s]
+LIGHT_SPEED = 299792458.0  # speed of light [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)

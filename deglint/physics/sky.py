@@ -11,8 +11,6 @@ Harrison, Coombes (1988), "An opaque cloud cover model of sky short wavelength r
 387-392, doi:10.1016/0038-092X(88)90035-7.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 
@@ -23,10 +21,8 @@ from numpy.polynomial import chebyshev
 from . import fresnel, slopes
 from ._checks import Array, choice, sun_angle, view_angle, within
 
-SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")
-"""Names of the sky models."""
-NODES = 20
-"""Facets along each axis in `reflectance`; its computing time grows with the square."""
+SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")  # names of the sky models
+NODES = 20  # facets along each axis in `reflectance`; its computing time grows with the square
 
 
 def radiance(

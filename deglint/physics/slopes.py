@@ -15,8 +15,6 @@ glitter", Journal of the Optical Society of America 44, 838-850, doi:10.1364/JOS
 of Geophysical Research 111, C06005, doi:10.1029/2005JC003343.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,8 +25,7 @@ import numpy.typing as npt
 
 from ._checks import Array, choice, within
 
-WIND_RANGE = (0.1, 20.0)
-"""Range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14."""
+WIND_RANGE = (0.1, 20.0)  # range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14
 _DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
 _KARMAN = 0.4
 _ERFC = np.vectorize(math.erfc, otypes=[float])  # scipy.special takes long to import

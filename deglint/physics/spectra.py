@@ -3,20 +3,15 @@
 Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves` combines them.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np
 
 from ._checks import Floats
 
-GRAVITY = 9.81
-"""Acceleration of gravity [m s-2]."""
-SURFACE_TENSION = 0.074 / 1025.0
-"""Surface tension over density of sea water [m3 s-2]."""
-WIND_19_5 = 1.026
-"""Wind at 19.5 m over wind at 10 m."""
+GRAVITY = 9.81  # acceleration of gravity [m s-2]
+SURFACE_TENSION = 0.074 / 1025.0  # surface tension over density of sea water [m3 s-2]
+WIND_19_5 = 1.026  # wind at 19.5 m over wind at 10 m
 _AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea
 _ECKV_KM = 370.0  # wavenumber of its slowest wave [rad/m]
 _ECKV_CM = 0.23  # and its speed [m/s]

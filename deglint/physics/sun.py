@@ -9,8 +9,6 @@ Reda, Andreas (2004), "Solar position algorithm for solar radiation applications
 577-589, doi:10.1016/j.solener.2003.12.003. Gregg, Carder (1990); see `deglint.physics.atmosphere`.
 """
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
@@ -23,8 +21,7 @@ import numpy.typing as npt
 from ..errors import InputError
 from ._checks import Array, coordinates, day_number, within
 
-MEAN_SOLID_ANGLE = 6.794e-5
-"""Solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees."""
+MEAN_SOLID_ANGLE = 6.794e-5  # solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees
 _DELTA_T = 69.2  # terrestrial less universal time [s], 2020 to 2030; 10 s more move the sun by 1e-4 degrees
 
 

@@ -4,8 +4,6 @@
 so that bands with a delay show the same waves at another time. The surface is periodic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -22,8 +20,7 @@ from .waves import Sea, omnidirectional, spread_convention
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
-SLABS = 16
-"""Parts in which random numbers are drawn, each with its own seed; another value changes every scene."""
+SLABS = 16  # parts in which random numbers are drawn, each with its own seed; another value changes every scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,6 @@ shallow waters: 2. Deriving bottom depths and water properties by optimization",
 doi:10.1364/AO.38.003831.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -8,8 +8,6 @@ Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says 
 blows from, clockwise from north; waves travel in the opposite direction.
 """
 
-from __future__ import annotations
-
 from dataclasses import MISSING, dataclass
 from typing import Literal, get_args
 
@@ -23,8 +21,7 @@ from .spectra import GRAVITY, SURFACE_TENSION, WIND_19_5, dispersion
 Spectrum = Literal["elfouhaily", "jonswap", "pierson-moskowitz"]
 Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
 
-SPECTRA_WIND_RANGE = (1.0, 20.0)
-"""Range of 10 m winds for which the spectra were fitted [m/s]."""
+SPECTRA_WIND_RANGE = (1.0, 20.0)  # range of 10 m winds for which the spectra were fitted [m/s]
 SHORTEST_WAVE = 0.003
 """Default shortest wave in slope integrals [m]; Elfouhaily's spectrum is negligible at shorter waves."""
 SHORT_WAVES = 10.0

@@ -4,8 +4,6 @@
 the calling process, which writes them. If a worker crashes, other workers repeat its tiles, with the same result.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import secrets
@@ -22,10 +20,8 @@ from ..errors import DeglintError, InputError
 from ..raster.environment import environment
 from ..tiles import Tile
 
-TILES_AHEAD = 3
-"""Tiles per thread of a worker that are in progress, or finished and not fetched yet."""
-WORKER_PATIENCE = 60.0
-"""Time after which a tile that is not done asks whether there is a worker at all [s]."""
+TILES_AHEAD = 3  # tiles per thread of a worker that are in progress, or finished and not fetched yet
+WORKER_PATIENCE = 60.0  # time after which a tile that is not done asks whether there is a worker at all [s]
 _CONNECT = 15.0
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 

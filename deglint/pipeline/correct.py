@@ -1,7 +1,5 @@
 """The correction of a scene, a function of its tiles: valid pixels, water, corrected values, flags and counts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -33,12 +31,10 @@ from .sample import Mask, Training, sample_of
 CHAIN_CELL = tiling.COMPACT
 """Side of the cells to which a chain is applied, counted from the first pixel of the scene [pixel]. The cells do not
 depend on how the scene is stored and read, so the result is the same to the bit."""
-STRIP = 4 << 20
-"""Values in a tile of whole cells for files stored in strips, so that few strips are read twice."""
+STRIP = 4 << 20  # values in a tile of whole cells for files stored in strips, so that few strips are read twice
 TILES = 8
 """Tiles from which noise and errors are estimated: spread over the scene; few, as each is corrected twice more."""
-TRIAL_SIDE = 192
-"""Side of these tiles [pixel]: a trial displaces glint by half a tile."""
+TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 
 @dataclass(eq=False)

@@ -1,7 +1,5 @@
 """Fit a recipe to a scene: read an overview, choose a candidate where the recipe leaves the choice open, fit it."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict, dataclass, field, replace
@@ -30,8 +28,7 @@ from .recipe import Recipe, make_request
 from .sample import Job, Progress
 from .sampling import Sampled, describe_sample, fit_sampled, place_of
 
-SMALLEST_SCENE = 256
-"""Pixels of the smallest scene in which a sample is searched."""
+SMALLEST_SCENE = 256  # pixels of the smallest scene in which a sample is searched
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ log = logging.getLogger("deglint.pipeline")
 
 BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
 """Optional outputs besides the image and its sidecar."""
-DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")
-"""Data types that an output can have."""
+DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """A first, fast overview of a scene: some of its tiles, and the rule for water found in them."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -21,17 +19,13 @@ from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene
 from ..tiles import Tile
 
-OVERVIEW_PIXELS = 300_000
-"""Pixels of a first overview."""
-SMALL_PIXELS = 600_000
-"""Scenes of up to this number of pixels are read as a whole from the start."""
-TILE_SIDE = SAMPLE_SIDE
-"""Side of the tiles of an overview [pixel]: the same for every file, independent of its blocks."""
+OVERVIEW_PIXELS = 300_000  # pixels of a first overview
+SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
+TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
 """Most pixels of the last overview that are kept in memory; of larger scenes all is read, and some valid tiles are
 kept."""
-MOST_TILES = 1 << 18
-"""Most tiles that are considered for an overview."""
+MOST_TILES = 1 << 18  # most tiles that are considered for an overview
 
 
 @dataclass(frozen=True)

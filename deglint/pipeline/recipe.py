@@ -1,7 +1,5 @@
 """Options for processing a scene, those of `deglint remove`, as one frozen value."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,8 +13,7 @@ from ..readers.roles import explain_nir, find_band, find_nir, split_wanted
 from ..remove import METHODS, REGRESSIONS, FitRequest, nir_request
 from ..scene import Scene
 
-CHAINS = ("auto", "thesis", "off")
-"""Names for chains of stages."""
+CHAINS = ("auto", "thesis", "off")  # names for chains of stages
 
 
 @dataclass(frozen=True)
@@ -156,8 +153,7 @@ def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
 
 SMALLEST_OBJECT = 4.0
 """Default width of the smallest object to keep: a boat, a person with raised arms seen from above, a buoy [m]."""
-UNKNOWN_OBJECT = 16.0
-"""The same if the pixel size is not known [pixel]."""
+UNKNOWN_OBJECT = 16.0  # the same if the pixel size is not known [pixel]
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:

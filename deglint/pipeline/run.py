@@ -1,7 +1,5 @@
 """Process a file: open it, fit (or use a saved model), correct tile by tile, write the output and its sidecar."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -36,8 +34,7 @@ from .overview import raster_of
 from .recipe import Recipe
 from .sample import tiles_over
 
-CHAIN_COPIES = 3
-"""Memory of a tile with a chain relative to a removal alone."""
+CHAIN_COPIES = 3  # memory of a tile with a chain relative to a removal alone
 READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
 """Keywords of `remove_glint` for opening the input."""
 WRITING = ("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options", "request",

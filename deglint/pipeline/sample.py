@@ -1,7 +1,5 @@
 """The location of the sample, the training tiles, and trials of candidates on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -38,8 +36,7 @@ Progress = Callable[[str, int, int], None]
 LEAST_PERCENTILE = 0.5
 """Percentile of the prediction that is its level if glint covers all of the sample [%]: nearly the minimum, to allow
 for noise. Otherwise the level is the median of the pixels without glint."""
-HALO = 64
-"""Halo around a training tile, for windows, kernels and clumps of its first stages [pixel]."""
+HALO = 64  # halo around a training tile, for windows, kernels and clumps of its first stages [pixel]
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
 three seconds on two processors, is proportional to their area."""

@@ -5,8 +5,6 @@ standard error of the glint taken from it (`deglint.remove.glint_error`) is smal
 The squares and the end depend only on the scene's pixels, not on the file's blocks or on threads.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -27,15 +25,12 @@ from .outputs import log
 from .overview import OVERVIEW_PIXELS
 from .sample import Job, Sampler
 
-KEPT_PIXELS = 1 << 20
-"""Most single pixels that are kept for a percentile or a mode."""
-MOST_CELLS = 1 << 14
-"""Approximate number of cells, or groups of cells, whose moments are kept for standard errors."""
+KEPT_PIXELS = 1 << 20  # most single pixels that are kept for a percentile or a mode
+MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
 """Fewest effective cells for a reliable standard error. In simulated seas with fewer than 25, where a few clumps of
 sparkle contain most of the glint, real errors were up to 24 times the estimated ones; with more than 40, 1.3 times."""
-GROWTH = 1.25, 4.0
-"""Least and largest increase of the sample by the next batch, as a factor."""
+GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
 READ_MARGIN = 1.1
 """Safety factor on the size of the next batch, which is extrapolated with the square root of the pixels."""
 

@@ -1,7 +1,5 @@
 """The best viewing geometry of a plan, and its description as text."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,8 +9,7 @@ import numpy.typing as npt
 
 from .reticle import Reticle
 
-MARGIN = 3.0
-"""Distance of the best viewing geometry from every excluded one, where possible [degree]."""
+MARGIN = 3.0  # distance of the best viewing geometry from every excluded one, where possible [degree]
 _POINTS = (
     "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
     "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",

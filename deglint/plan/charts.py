@@ -1,7 +1,5 @@
 """Charts of a day, of a flight line, and of a plan with uncertain wind."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import groupby
 

@@ -1,7 +1,5 @@
 """A plan as an xarray dataset, as layers, or as plain values for JSON."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drawing on arrays: lines, text and discs, without a plotting library, whose import is slow."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

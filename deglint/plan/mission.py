@@ -20,14 +20,10 @@ from ..physics.sensor import Sensor, SensorBand
 from ..physics.sky import SKY_MODELS as SKIES
 from .skylight import Wind
 
-WATERS = ("scattering", "absorption")
-"""Models of light propagation from an object under water."""
-MEASURED_WIND = 14.0
-"""Largest wind at which Cox and Munk measured slopes [m/s]."""
-SUN_LIMIT = 89.0
-"""Sun zenith angle beyond which no plan is computed [degree]."""
-COARSE_STEP = 2.0
-"""Least step between viewing geometries in plans that need many reticles [degree]."""
+WATERS = ("scattering", "absorption")  # models of light propagation from an object under water
+MEASURED_WIND = 14.0  # largest wind at which Cox and Munk measured slopes [m/s]
+SUN_LIMIT = 89.0  # sun zenith angle beyond which no plan is computed [degree]
+COARSE_STEP = 2.0  # least step between viewing geometries in plans that need many reticles [degree]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,8 +3,6 @@
 The command's options override single values of the file.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

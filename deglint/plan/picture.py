@@ -1,7 +1,5 @@
 """The plan as a picture: the object at the centre, viewing geometries around it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

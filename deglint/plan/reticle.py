@@ -5,8 +5,6 @@ averaged once and combined for all directions. Sums are written without calls of
 for seconds on a busy machine.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

@@ -4,8 +4,6 @@ The server is bound to the loopback address; requests that name another host are
 make a browser send them. The page is self-contained.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import sys

@@ -5,8 +5,6 @@ is computed at several hundred viewing geometries and interpolated to all others
 that reflect the sea instead of the sky do not contribute.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,10 +14,8 @@ import numpy.typing as npt
 from ..physics import fresnel, sky, slopes
 from ..physics._checks import Floats
 
-ZENITHS, AZIMUTHS = 21, 36
-"""Number of zenith angles and azimuths at which the facets are summed."""
-FACETS, FACET_REACH = 40, 4.5
-"""Facets along each axis of the wind, and their largest slope [standard deviation]."""
+ZENITHS, AZIMUTHS = 21, 36  # number of zenith angles and azimuths at which the facets are summed
+FACETS, FACET_REACH = 40, 4.5  # facets along each axis of the wind, and their largest slope [standard deviation]
 LEVELS = np.geomspace(2e-3, 2.0, 120)
 """Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
 

@@ -3,8 +3,6 @@
 If every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -17,21 +15,15 @@ from ..physics._checks import Checked, Floats, ranged
 from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 
-EARTH_RADIUS = 6_371_000.0
-"""Mean radius of the Earth [m]."""
-FREE = 0.02
-"""Largest share of the view in glint of a good heading [1]."""
+EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
+FREE = 0.02  # largest share of the view in glint of a good heading [1]
 SPOILT = 0.5
 """Share of the view in glint above which no heading is recommended [1]: less than half of the line is usable."""
 _ACROSS, _ALONG = 121, 31  # points of the field of view
-HEADINGS = np.arange(0.0, 360.0, 15.0)
-"""Headings that are tried for alternatives [degree]."""
-TIME_STEP = 30
-"""Step between the times that are tried [minute]."""
-TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
-"""Pitch and roll that are tried, to either side [degree]."""
-GAIN = 0.5
-"""An alternative with glint is reported if its glint is below this share of that of the plan."""
+HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
+TIME_STEP = 30  # step between the times that are tried [minute]
+TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # pitch and roll that are tried, to either side [degree]
+GAIN = 0.5  # an alternative with glint is reported if its glint is below this share of that of the plan
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """A mission over a span of time: the best time, and the viewing geometries at each time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -16,8 +14,7 @@ from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 from .reticle import Reticle, reticle
 
-DAYLIGHT = 15.0
-"""Least solar elevation with enough light under water [degree]."""
+DAYLIGHT = 15.0  # least solar elevation with enough light under water [degree]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """A plan with uncertain wind: intervals of glint and contrast, and the probability of glint."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from itertools import product
 from typing import Any
@@ -15,8 +13,7 @@ from .mission import Mission
 from .missionfile import tables_of
 from .reticle import reticle
 
-SPEEDS, TURNS = 5, 7
-"""Number of speeds and of directions in the interval, ends included."""
+SPEEDS, TURNS = 5, 7  # number of speeds and of directions in the interval, ends included
 
 
 class WindEnsemble:

@@ -4,8 +4,6 @@ On the way back values are rounded and saturate, and the lost ones are counted. 
 converted: they keep their bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -6,8 +6,6 @@ exhaust the machine; environment variables override them.
 rasterio's settings are per thread: the calling thread and every worker enter their own environment.
 """
 
-from __future__ import annotations
-
 import os
 from typing import Any
 
@@ -15,8 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 
-CACHE = 48 << 20
-"""GDAL's block cache [byte]; as tiles are read once, a larger one has no effect."""
+CACHE = 48 << 20  # GDAL's block cache [byte]; as tiles are read once, a larger one has no effect
 HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10",
     "GDAL_HTTP_LOW_SPEED_LIMIT": "1000",

@@ -4,8 +4,6 @@ Opening and describing a file reads its header and tags, never a pixel. Every er
 missing file from one that GDAL cannot read.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 import warnings
@@ -28,8 +26,7 @@ _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBD
 REMOTE_NAME = re.compile(
     r"(https?|ftp|s3|gs|az|oss|swift|hdfs)://|/vsi(curl|s3|gs|az|adls|oss|swift|webhdfs)", re.IGNORECASE
 )
-_HEAD = 512
-"""Bytes of a file that are read to recognise its format."""
+_HEAD = 512  # bytes of a file that are read to recognise its format
 _OTHERWISE = "Name the raster itself, or convert it to GeoTIFF where it can be read"
 _FILE_KINDS = (
     (rb"\Z", "is empty: copying or downloading it has failed. Do that again"),

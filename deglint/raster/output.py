@@ -5,8 +5,6 @@ disk or Ctrl-C an existing file is unchanged and no scratch file is left. The ou
 before its data: a valid cloud-optimised GeoTIFF, with overviews from 1,024 pixels on (`--co OVERVIEWS=NONE`: none).
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import logging
@@ -26,12 +24,9 @@ from ..scene import Window
 from .info import RasterInfo, open_dataset, quiet
 from .scratch import DISK_FULL, Scratch, free_bytes, write_errors
 
-BLOCK = 512
-"""Side of the output's blocks [pixel] if those of the input are not suitable."""
-OVERVIEWS_FROM = 1024
-"""Longer side from which an image has overviews [pixel], as COG validators require."""
-_SMALLEST_OVERVIEW = 512
-"""Largest longer side of the smallest overview [pixel], as in GDAL's COG driver."""
+BLOCK = 512  # side of the output's blocks [pixel] if those of the input are not suitable
+OVERVIEWS_FROM = 1024  # longer side from which an image has overviews [pixel], as COG validators require
+_SMALLEST_OVERVIEW = 512  # largest longer side of the smallest overview [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)
 _FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),

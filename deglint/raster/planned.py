@@ -3,8 +3,6 @@
 All files of a plan are written, or none.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

@@ -22,8 +22,7 @@ from ..errors import InputError, ReadError, WriteError
 from .info import gdal_errors, one_line
 from .targets import COMPANIONS
 
-_HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Signals that are held while files are moved."""
+_HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that are held while files are moved
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
 

@@ -3,8 +3,6 @@
 The files of a scene are written together, or not at all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -19,8 +17,7 @@ from .scratch import Scratch, write_errors
 from .targets import check_targets
 
 CRS = "EPSG:32610"
-CORNER = 600_000.0, 4_070_000.0
-"""Upper left corner of every scene [m], at sea off California."""
+CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"
 
 

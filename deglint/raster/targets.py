@@ -5,8 +5,6 @@ existing file without permission. Files are compared by device and inode, so tha
 recognised; names of files that do not exist are compared after resolution.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,8 +14,7 @@ from pathlib import Path
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, open_dataset
 
-COMPANIONS = (".aux.xml", ".msk", ".ovr")
-"""Endings of files beside a raster that GDAL reads with it."""
+COMPANIONS = (".aux.xml", ".msk", ".ovr")  # endings of files beside a raster that GDAL reads with it
 _GDAL_PREFIX = re.compile(r"^(/?vsi\w+/)+|^[\w+]+://", re.IGNORECASE)
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
 OTHER_FORMATS = frozenset(

@@ -3,8 +3,6 @@
 An `Area` gives the mask of its pixels in any window of the scene. A polygon covers the pixels whose centres lie in it.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,10 +25,8 @@ from .text import read_json
 log = logging.getLogger(__name__)
 Mask = npt.NDArray[np.bool_]
 LONGITUDE_LATITUDE = "OGC:CRS84"
-_POLYGON_CELL = 512
-"""Side of the squares in which polygons are rasterised [pixel]."""
-_FAR = 1e9
-"""Polygon corners further from the scene than this are an error [pixel]."""
+_POLYGON_CELL = 512  # side of the squares in which polygons are rasterised [pixel]
+_FAR = 1e9  # polygon corners further from the scene than this are an error [pixel]
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ Accepts arrays of rioxarray, odc-stac and stackstac. Names and wavelengths are i
 is not imported here.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,8 +23,7 @@ _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
-_CLOSE = 1e-3
-"""Tolerance between coordinates and a declared transform [pixel]."""
+_CLOSE = 1e-3  # tolerance between coordinates and a declared transform [pixel]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,6 @@ Properties in the file are kept; missing ones come from the preset, matched by n
 number of bands.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

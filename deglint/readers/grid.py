@@ -5,8 +5,6 @@ others are resampled while being read: bilinear if their pixels are larger, by a
 own type.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ Colour words give only nominal wavelengths (a "red" band is assumed to be near 6
 the sensor and is interpreted by the sensor presets.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from os.path import commonprefix
@@ -51,10 +49,8 @@ _BARE = re.compile(
 )
 _CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
 _PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
-_RANGE = (380.0, 2500.0)
-"""Numbers in a name that can be a wavelength [nm]."""
-_YEARS = (1970.0, 2100.0)
-"""A number in this range without unit may be a year."""
+_RANGE = (380.0, 2500.0)  # numbers in a name that can be a wavelength [nm]
+_YEARS = (1970.0, 2100.0)  # a number in this range without unit may be a year
 _NEAR_NOMINAL = 0.4
 """A number beside a colour word is a wavelength if it differs by less than this share from the nominal one."""
 

@@ -1,7 +1,5 @@
 """Location of a raster, or of the shapes in a GeoJSON file, and the size of pixels on the ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,10 +13,8 @@ from ..scene import Scene
 from .areas import LONGITUDE_LATITUDE, crs_of, geometries
 from .text import positive, read_json
 
-_GEOCENTRIC = "EPSG:4978"
-"""x, y, z from the centre of the WGS 84 ellipsoid [m]."""
-_TRUE = 0.01
-"""Relative error of lengths in a map projection that is neglected: that of UTM is at most 0.001."""
+_GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
+_TRUE = 0.01  # relative error of lengths in a map projection that is neglected: that of UTM is at most 0.001
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:

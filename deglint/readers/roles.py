@@ -3,8 +3,6 @@
 Roles follow from the wavelength, or from the name if there is none, never from the position in the file.
 """
 
-from __future__ import annotations
-
 import numbers
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The list of scenes of a batch: names, patterns, a CSV, or a STAC ItemCollection."""
 
-from __future__ import annotations
-
 import csv
 import glob
 import io
@@ -15,8 +13,7 @@ from .products import name_of
 from .stac import bands_of_item, items_of, read_document
 from .text import read_text
 
-LONGEST_NAME = 150
-"""Longest name of a scene: names of outputs append to it."""
+LONGEST_NAME = 150  # longest name of a scene: names of outputs append to it
 _MAGIC = re.compile(r"[*?\[]")
 
 

@@ -1,7 +1,5 @@
 """The sensor of a scene: a preset, or a user's file in the format of `deglint/sensors.toml`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -26,10 +24,8 @@ _BAND, _OPTICS, _SENSOR = (
 )
 _OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
 """Types of the entries of a sensor's file."""
-_USUAL_WIDTH = 50.0
-"""Width of a band if not given [nm]: that of most bands of multispectral sensors."""
-_CENTRE_RANGE = (300.0, 20_000.0)
-"""Allowed range of centres [nm]."""
+_USUAL_WIDTH = 50.0  # width of a band if not given [nm]: that of most bands of multispectral sensors
+_CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centres [nm]
 
 
 def sensor_of(name: str) -> Sensor:

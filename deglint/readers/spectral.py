@@ -3,8 +3,6 @@
 Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +19,7 @@ _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
 _WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
-SPECTRAL_RANGE = (100.0, 20000.0)
-"""Range of numbers that can be a wavelength [nm]."""
+SPECTRAL_RANGE = (100.0, 20000.0)  # range of numbers that can be a wavelength [nm]
 _WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detectors
 
 

@@ -4,8 +4,6 @@ An Item can be given wherever a raster can: a local file or a URL, "FILE#ID" for
 "FILE#ID#KEY,KEY" for some of its assets.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -31,8 +29,7 @@ _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "
 """Roles and keys of assets that are pictures or documents, not bands."""
 _NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
 """Common names of bands that are not used: panchromatic (its finer grid would apply to all bands) and thermal."""
-_STAC_PATIENCE = 60.0
-"""Timeout of a server of Items [s]."""
+_STAC_PATIENCE = 60.0  # timeout of a server of Items [s]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Small text files given by the user, such as GeoJSON, and numbers in texts."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

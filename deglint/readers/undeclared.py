@@ -3,8 +3,6 @@
 Opening a scene reads no pixels; `settled` is called once, before a scene is examined, fitted or corrected.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections import Counter
@@ -23,26 +21,22 @@ from ..scene import Scene
 from ..tiles import Tile
 
 log = logging.getLogger("deglint")
-LOOKED_AT = 400_000
-"""Pixels of a scene that are read; smaller scenes are read as a whole."""
-SAMPLED_SIDE = 128
-"""Side of the tiles that are read [pixel]."""
+LOOKED_AT = 400_000  # pixels of a scene that are read; smaller scenes are read as a whole
+SAMPLED_SIDE = 128  # side of the tiles that are read [pixel]
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
 """Share of the pixels above which one value in all bands, at the edge of the image, is nodata; and the same for values
 of 0 and below, which no sensor measures in all bands."""
 ALONE = 0.99
 """The value is nodata of a band if this share of its occurrences is in all bands at once: a band may be 0 in many
 pixels of dark water."""
-SOLID = 8
-"""Inside the image nodata fills squares of this side [pixel]; saturated sparkle does not."""
+SOLID = 8  # inside the image nodata fills squares of this side [pixel]; saturated sparkle does not
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (DN - 1000) / 10000."""
 S2_FLOOR, S2_DARK = (950, 1150), 1300
 """If the offset is still included, the minimum DN of the darkest band lies in the first range, and the minimum of no
 NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert without the offset is
 brighter."""
-VISIBLE = 700.0
-"""Wavelength beyond which water is dark [nm]."""
+VISIBLE = 700.0  # wavelength beyond which water is dark [nm]
 
 Mask = npt.NDArray[np.bool_]
 

@@ -7,8 +7,6 @@ line here, and a test against a published or independent value.
 This package does not deal with files, tiles, threads, masks or logging.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

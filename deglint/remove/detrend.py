@@ -4,17 +4,13 @@ Over deep water the slope of a band against the NIR is determined by glint, but 
 subtraction of a local mean from every band, the slope is nearly constant over the sea. Arrays only.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..moments import Float64, Mask
 from ..scene import FloatArray
 
-SIZE = 15
-"""Default side of the square for the mean [pixel]."""
-_VELTKAMP = 2.0**27 + 1
-"""Constant that splits the 53 bits of a float64 into two halves."""
+SIZE = 15  # default side of the square for the mean [pixel]
+_VELTKAMP = 2.0**27 + 1  # constant that splits the 53 bits of a float64 into two halves
 
 
 def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Float64:

@@ -1,7 +1,5 @@
 """Further references of the Wiener filter: red-edge bands, if they show no signal of the water."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -16,8 +14,7 @@ from .wiener import SampleTile, fit
 FURTHER_FROM = 680.0
 """Shortest wavelength of further references [nm]: from here on water absorbs half of the light within .7 m. Red bands
 show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
-TEST_TILES = 4
-"""Tiles on which further references are tested, spread over the sample."""
+TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
 EVEN_SIDE, MOST_TAKEN = 9, 2.0
 """Window of the means [pixel], and the limit of their standard deviation [standard deviations of a pixel's noise]: .1
 to .9 over deep water; 4.5 and more where red edge shows a textured bottom."""

@@ -5,17 +5,13 @@ part at 750 nm follows from the difference between 640 and 750 nm. Works pixel b
 bright bottoms; needs bands near 640 and 750 nm.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
 
-A = 0.000019
-"""Offset [sr^-1]."""
-B = 0.1
-"""Ratio of the water-leaving part at 750 nm to Rrs(640) - Rrs(750)."""
+A = 0.000019  # offset [sr^-1]
+B = 0.1  # ratio of the water-leaving part at 750 nm to Rrs(640) - Rrs(750)
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:

@@ -5,8 +5,6 @@ one pixel of the sample is free of glint. Fails where bands are not simultaneous
 outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .model import GlintModel

@@ -4,8 +4,6 @@ Assumes that these two pixels differ only in glint. The published method depends
 sample makes it fail: select the sample with care. Costs one pass over the sample.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .model import GlintModel

@@ -5,8 +5,6 @@ a fraction of glint pixels of about 60 %. The most robust of the three classic m
 mode is defined in `deglint.remove.levels.mode`. Costs one pass over the sample and one sort of its NIR values.
 """
 
-from __future__ import annotations
-
 from .levels import mode
 from .model import GlintModel
 from .request import FitRequest, check_sample, linear_model

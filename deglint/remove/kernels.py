@@ -24,8 +24,7 @@ from ..scene import FloatArray
 from .detrend import detrend
 from .reference import LEAST_OPEN
 
-SIDE = 5
-"""Side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene."""
+SIDE = 5  # side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene
 KERNEL_REACH = SIDE // 2
 KERNEL_RIDGE = 1e-6
 """Ridge added to the diagonal against singular matrices, relative to its mean; results do not change from 1e-6 to 1e-2.
@@ -35,10 +34,8 @@ SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. It is always used: it distinguishes glint from turbid water, which is
 bright in the NIR; the noise by which supports are compared does not show this advantage."""
-WORTH = 0.01
-"""Least relative reduction of noise by a wider kernel, by a second reference, or by the removal."""
-FOLDS = 16
-"""Groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %."""
+WORTH = 0.01  # least relative reduction of noise by a wider kernel, by a second reference, or by the removal
+FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:

@@ -6,8 +6,6 @@ is not black in the NIR. Needs narrow bands at 739, 760 and 775 nm (imaging spec
 corrected for the atmosphere.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from .model import GlintIndex, GlintModel

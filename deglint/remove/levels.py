@@ -21,13 +21,10 @@ from ..morphology import grown
 from ..scene import FloatArray
 from .kernels import FOLDS
 
-_BINS_PER_BANDWIDTH = 8
-"""Histogram bins per bandwidth."""
-_BANDWIDTH_REACH = 4
-"""Bandwidths at which the kernel is truncated."""
+_BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
+_BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
-LEAST_GLINT = 0.2
-"""Share of the sample with the least glint, whose median prediction is the level [%]."""
+LEAST_GLINT = 0.2  # share of the sample with the least glint, whose median prediction is the level [%]
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """If the range of the lower half of the predictions is below this share of the range of strong glint (median to 99th
 percentile), most pixels have no glint and differ by noise, so that the minimum is not the level: this percentage of

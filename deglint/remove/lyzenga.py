@@ -4,8 +4,6 @@ Assumes that water and glint vary independently over the sample. The mean of the
 stays in the image: differences within a band are correct, absolute values are not. Costs one pass over the sample.
 """
 
-from __future__ import annotations
-
 from .model import GlintModel
 from .request import FitRequest, check_sample, linear_model
 from .statistics import SampleStatistics

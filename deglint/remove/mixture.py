@@ -12,8 +12,6 @@ This is the removal in a compensation with an opening (`deglint.compensate`). Fa
 bottom. Red edge is not used if it would remove a turbid plume in the sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -30,12 +28,9 @@ from .reference import ReferenceRule
 from .request import FitRequest
 from .wiener import SampleTile
 
-MIXTURE_SIDE = 3
-"""Side of the kernels [pixel]."""
-REWEIGHTED = 5
-"""Iterations of reweighting: the error on simulated seas changes by less than 1 % after the third."""
-LEAST_LEFT = 0.1
-"""Lower limit of the mean square of a square, relative to the median, so that no single one dominates."""
+MIXTURE_SIDE = 3  # side of the kernels [pixel]
+REWEIGHTED = 5  # iterations of reweighting: the error on simulated seas changes by less than 1 % after the third
+LEAST_LEFT = 0.1  # lower limit of the mean square of a square, relative to the median, so that no single one dominates
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 PLUME, PLUME_PERCENTILE = 0.5, 10.0

@@ -14,8 +14,6 @@ methods, where bands are not simultaneous. Costs one pass over the sample and on
 reference.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..moments import Float64
@@ -23,12 +21,9 @@ from .model import BandFit, GlintIndex, GlintModel
 from .request import FitRequest, check_sample, warnings_of
 from .statistics import SamplePlan, SampleStatistics
 
-REFERENCE_RIDGE = 1e-4
-"""Ridge, relative to the variance of each reference."""
-PERCENTILE = 5.0
-"""Default percentile of the prediction that is its level [%]."""
-SHORTEST_REFERENCE = 640.0
-"""Shortest wavelength of a reference [nm]."""
+REFERENCE_RIDGE = 1e-4  # ridge, relative to the variance of each reference
+PERCENTILE = 5.0  # default percentile of the prediction that is its level [%]
+SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:

@@ -4,8 +4,6 @@ Assumes reflectance (or remote-sensing reflectance): there glint is nearly the s
 the NIR. Wrong for digital numbers or for radiance; over-corrects turbid and shallow water. Needs no sample and no fit.
 """
 
-from __future__ import annotations
-
 from .model import GlintModel
 from .request import FitRequest, linear_model
 

@@ -1,7 +1,5 @@
 """Noise and robust standard deviation of a band. Arrays only."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

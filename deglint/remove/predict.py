@@ -4,8 +4,6 @@ The result does not depend on tiles, to the bit: OpenCV's filters process the la
 instructions, so columns are added that are removed afterwards. Arrays only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,10 +16,8 @@ from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
 from .reference import clean
 
-_SLAB = 1 << 16
-"""Pixels corrected at a time, so that intermediate results fit into the processor's cache."""
-SPARE = 16
-"""Columns that are added: at least as many as OpenCV's filters process at a time."""
+_SLAB = 1 << 16  # pixels corrected at a time, so that intermediate results fit into the processor's cache
+SPARE = 16  # columns that are added: at least as many as OpenCV's filters process at a time
 
 
 def bordered(values: FloatArray) -> FloatArray:

@@ -8,8 +8,6 @@ Local means are computed from sums of integers, which are exact: the result does
 only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -20,18 +18,14 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import FloatArray
 
-SIZE = 15
-"""Side of the square for local means [pixel]: several waves, and less than a plume."""
-LEAST_OPEN = 0.15
-"""Least share of open water in a square whose largest excess is used."""
+SIZE = 15  # side of the square for local means [pixel]: several waves, and less than a plume
+LEAST_OPEN = 0.15  # least share of open water in a square whose largest excess is used
 QUARTILE, FACTOR = 25, 2.5
 """Limit of the excess of glint: this factor times the largest excess in the quarter of the squares with the lowest
 maxima. Ships raise the maxima of a port's squares, while a long tail of sparkle is in every square: the maximum of a
 scene is 1.4 to 2.2 times that of the lowest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
-LEAST_LOCAL = 8
-"""Fewest pixels of water for a local mean with which a pixel is compared [pixel]."""
-GRAINS = 65535
-"""Largest quantised value, for exact sums; the sum of 225 of them stays below 2^31."""
+LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
+GRAINS = 65535  # largest quantised value, for exact sums; the sum of 225 of them stays below 2^31
 
 
 @dataclass(frozen=True, slots=True)

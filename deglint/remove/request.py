@@ -1,7 +1,5 @@
 """The request for a fit, and the steps that the regression methods share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,14 +14,10 @@ from .detrend import SIZE as DETREND_SIZE
 from .model import BandFit, GlintIndex, GlintModel
 from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
 
-MIN_PIXELS = 64
-"""Fewest pixels for fitting a slope."""
-FEW_PIXELS = 1000
-"""A fit to fewer pixels has a warning."""
-LOW_R2 = 0.3
-"""A band with a smaller R2 has a warning: the index does not explain it."""
-SIGNIFICANT = 3.0
-"""Standard errors by which a significant slope exceeds zero."""
+MIN_PIXELS = 64  # fewest pixels for fitting a slope
+FEW_PIXELS = 1000  # a fit to fewer pixels has a warning
+LOW_R2 = 0.3  # a band with a smaller R2 has a warning: the index does not explain it
+SIGNIFICANT = 3.0  # standard errors by which a significant slope exceeds zero
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,6 @@ Huber (1964), Annals of Mathematical Statistics 35, 73-101, doi:10.1214/aoms/117
 Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:10.1080/01621459.1968.10480934.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,14 +31,10 @@ from ..scene import FloatArray
 from .detrend import detrend
 from .model import BandFit, GlintIndex, GlintModel
 
-CLUSTERS = 10
-"""Fewest cells for a standard error between cells."""
-LEAST_ELSEWHERE = 1e-3
-"""Lower limit of the share of glint in other cells, so that errors are finite."""
-ROBUST_PIXELS = 50_000
-"""Most pixels in the Huber regression."""
-PAIRED_PIXELS = 2_000
-"""Most pixels in the Theil-Sen regression, which uses all pairs (two million)."""
+CLUSTERS = 10  # fewest cells for a standard error between cells
+LEAST_ELSEWHERE = 1e-3  # lower limit of the share of glint in other cells, so that errors are finite
+ROBUST_PIXELS = 50_000  # most pixels in the Huber regression
+PAIRED_PIXELS = 2_000  # most pixels in the Theil-Sen regression, which uses all pairs (two million)
 
 
 @dataclass(frozen=True)

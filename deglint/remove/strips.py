@@ -20,10 +20,8 @@ from .kernels import LagGrams, solve, unexplained
 SPLIT_WORTH = 0.15
 """Least relative reduction of noise by two kernels instead of one that indicates strips: 0.27 in a scene of two
 detectors, 0.00 to 0.06 in scenes of one."""
-ROUNDS = 20
-"""Iterations in which squares are assigned to the better kernel; they converge within five."""
-LEAST_SQUARES_OF_KIND = 2
-"""Fewest squares of each kind of strip in the sample, for separate kernels."""
+ROUNDS = 20  # iterations in which squares are assigned to the better kernel; they converge within five
+LEAST_SQUARES_OF_KIND = 2  # fewest squares of each kind of strip in the sample, for separate kernels
 
 
 @dataclass(frozen=True, slots=True)

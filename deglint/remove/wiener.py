@@ -42,21 +42,15 @@ from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
 """Gives row and column of the squares of a tile, and which of them are in strips of the second kind."""
-SAMPLE_SIDE = 192
-"""Side of the tiles of a sample [pixel]."""
-SURE = 3.0
-"""Standard errors by which the glint common to the bands must exceed zero."""
+SAMPLE_SIDE = 192  # side of the tiles of a sample [pixel]
+SURE = 3.0  # standard errors by which the glint common to the bands must exceed zero
 SHEET = 0.5
 """Ratio of glint-free NIR to green after removal, above which the NIR may contain an even sheet of glint. Clear and
 moderately turbid water has .05 to .4, including light scattered by the air."""
-VISIBLE = 700.0
-"""Wavelength up to which bands are visible [nm]."""
-SHORTEST_SWIR = 1100.0
-"""Shortest wavelength of SWIR [nm]: the limit of silicon detectors."""
-COARSE_EDGE = 2
-"""Width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]."""
-COLOUR = 0.2
-"""Relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth."""
+VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
+SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
+COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
+COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
 SUN_ZENITH = 40.0
 """Sun zenith angle of the expected spectrum, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
 

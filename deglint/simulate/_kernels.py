@@ -1,7 +1,5 @@
 """Compiled loop over the facets of `deglint.simulate`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

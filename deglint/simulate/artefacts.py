@@ -3,8 +3,6 @@
 They change only the image, not the truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

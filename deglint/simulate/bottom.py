@@ -1,7 +1,5 @@
 """The bottom of a shallow sea: its depth, and patches of two materials."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +9,7 @@ from ..errors import InputError
 from ..physics._checks import Checked, Floats, choice, ranged
 from .materials import SPECTRA
 
-LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0
-"""Range of depths of a bottom [m]; light from greater depths is negligible."""
+LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0  # range of depths of a bottom [m]; light from greater depths is negligible
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,14 +20,10 @@ if TYPE_CHECKING:
 
 Labels = npt.NDArray[np.unsignedinteger[Any]]
 
-WATER, LAND, FOAM, TARGET = range(4)
-"""Values of the cover raster."""
-FOAM_PATCH = 1.5
-"""Size of a patch of foam [m]: a spilling breaker of short wind waves."""
-LAND_PATCH = 6.0
-"""Size of the patches of vegetation and rock on land [m]."""
-BASE = ("", "vegetation", "rock", "foam")
-"""Materials of the first labels; those of the floating targets are appended."""
+WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster
+FOAM_PATCH = 1.5  # size of a patch of foam [m]: a spilling breaker of short wind waves
+LAND_PATCH = 6.0  # size of the patches of vegetation and rock on land [m]
+BASE = ("", "vegetation", "rock", "foam")  # materials of the first labels; those of the floating targets are appended
 
 
 @dataclass(frozen=True, kw_only=True)

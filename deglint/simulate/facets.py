@@ -6,8 +6,6 @@ distribution of slopes within each facet. The mean over many scenes is therefore
 depend on the band, except through its time.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -19,8 +17,7 @@ from ..physics.surface import by_rows, normals, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
-LEAST_SLOPE = 0.01
-"""Least standard deviation of the slopes within a facet."""
+LEAST_SLOPE = 0.01  # least standard deviation of the slopes within a facet
 TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
 
 

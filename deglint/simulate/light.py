@@ -1,7 +1,5 @@
 """Light in each band: irradiance of sun and sky, and water-leaving radiance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,8 +12,7 @@ from .bottom import LEAST_DEPTH, MOST_DEPTH
 from .materials import reflectance
 from .setup import Setup
 
-DEPTH_STEPS = 128
-"""Number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %."""
+DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %
 
 
 class Light:

@@ -5,15 +5,12 @@ Rounded typical values of Lambertian surfaces, linear between the wavelengths of
 as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 
 from ..physics._checks import Floats
 
-WAVELENGTHS = (400, 450, 500, 550, 600, 650, 700, 750, 850, 1000)
-"""Wavelengths of the columns of `SPECTRA` [nm]."""
+WAVELENGTHS = (400, 450, 500, 550, 600, 650, 700, 750, 850, 1000)  # wavelengths of the columns of `SPECTRA` [nm]
 SPECTRA = {
     "sand": (0.20, 0.24, 0.28, 0.32, 0.36, 0.39, 0.41, 0.43, 0.45, 0.47),
     "algae": (0.02, 0.02, 0.03, 0.06, 0.05, 0.04, 0.10, 0.30, 0.35, 0.35),

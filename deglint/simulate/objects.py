@@ -1,7 +1,5 @@
 """Submerged objects: flat Lambertian surfaces that are wide relative to their depth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass
 from typing import Any

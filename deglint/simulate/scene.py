@@ -1,7 +1,5 @@
 """Make a synthetic scene and its truth: light, facets and optics of each band, then noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """All parameters of a synthetic scene, in one frozen value that the sidecar repeats; and grids of such values."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import product
@@ -24,8 +22,7 @@ from .objects import SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
-MOST_FACETS = 1 << 26
-"""Facets that a scene may have; at 60 bytes each they take 4 GB."""
+MOST_FACETS = 1 << 26  # facets that a scene may have; at 60 bytes each they take 4 GB
 LEAST_ENERGY = 0.3
 """Short waves keep at least this share of their energy; slopes that are then still too steep are scaled per facet."""
 RESOLVED_AT_MOST = 0.95
@@ -33,10 +30,8 @@ RESOLVED_AT_MOST = 0.95
 EDGE_MARGIN = 16
 """Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
 
-WINDS = (2.0, 5.0, 9.0, 12.0)
-"""Winds of a grid of setups [m/s]."""
-DELAYS = (0.0, 0.010, 0.060)
-"""Delays from each band to the next, of a grid of setups [s]."""
+WINDS = (2.0, 5.0, 9.0, 12.0)  # winds of a grid of setups [m/s]
+DELAYS = (0.0, 0.010, 0.060)  # delays from each band to the next, of a grid of setups [s]
 LOOKS = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
 """View zenith angle, and azimuth of the sensor from that of the sun, both as seen from the target [deg]."""
 F_NUMBERS = (10.0, 30.0)

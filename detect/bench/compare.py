@@ -15,10 +15,8 @@ from deglint.errors import InputError
 Better = Literal["lower", "higher"]
 Verdict = Literal["worse", "slower", "better", "faster", "changed", "gone", "new"]
 ORDER: tuple[Verdict, ...] = get_args(Verdict)
-ROUNDING = 1e-6
-"""Relative change below which a number is the same: other processors sum in another order."""
-TIME_CHANGE = 0.1
-"""Relative change above which a time is faster or slower."""
+ROUNDING = 1e-6  # relative change below which a number is the same: other processors sum in another order
+TIME_CHANGE = 0.1  # relative change above which a time is faster or slower
 
 
 @dataclass(frozen=True)

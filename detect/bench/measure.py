@@ -13,8 +13,7 @@ from ..rx import detector, score
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-VISIBLE_BANDS = 5
-"""COASTAL to RED: the bands whose error counts."""
+VISIBLE_BANDS = 5  # COASTAL to RED: the bands whose error counts
 
 
 def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice = slice(None)) -> float:

@@ -17,8 +17,7 @@ from .scenes import REFLECTANCES, SIDE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURE_WIDTH, HEIGHT = 9.0, 4.2
-"""Size of a figure [inch]."""
+FIGURE_WIDTH, HEIGHT = 9.0, 4.2  # size of a figure [inch]
 
 
 def page(results: Results, made: Mapping[str, Any]) -> str:

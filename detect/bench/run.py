@@ -23,10 +23,8 @@ from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
 """`deglint remove` without options; the raw image; the truth with noise."""
-GRID = np.geomspace(1e-4, 1.0, 121)
-"""Pixel false-alarm rates of the ROC curves."""
-PFA = 1e-3
-"""Pixel false-alarm rate at which objects are counted."""
+GRID = np.geomspace(1e-4, 1.0, 121)  # pixel false-alarm rates of the ROC curves
+PFA = 1e-3  # pixel false-alarm rate at which objects are counted
 
 Condition = tuple[float, float]
 """Wind [m/s] and delay from band to band [s]."""

@@ -19,15 +19,12 @@ from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_to
 
 from .measure import Float64, Mask
 
-SIDE = 256
-"""Rows and columns [pixel of 25 cm]."""
+SIDE = 256  # rows and columns [pixel of 25 cm]
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)
-OBJECT, SPACING, DEPTH = 16, 64, 5.0
-"""Side of an object and distance from row to row [pixel], and depth [m]."""
+OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
 BLURRED_EDGE = 4
 """Pixels around objects that are neither object nor background: the optics spread light of the object there."""
-SEED = 100
-"""Seed of the first sea."""
+SEED = 100  # seed of the first sea
 
 
 def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:

@@ -25,8 +25,7 @@ Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
 Rated = tuple[Object, str, float, float]
 """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
-CANDIDATES = 0.04
-"""Fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.LOW`."""
+CANDIDATES = 0.04  # fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.LOW`
 _UNKNOWN_PIERS = 3
 """Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
 

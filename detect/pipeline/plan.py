@@ -44,8 +44,7 @@ _OTHERS: dict[str, tuple[Any, str]] = {
 }  # fmt: skip
 """Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
-_BLOCKS = 4
-"""Number of blocks for the fit; half of their area must be water."""
+_BLOCKS = 4  # number of blocks for the fit; half of their area must be water
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
 
 

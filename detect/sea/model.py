@@ -37,8 +37,7 @@ _FINE_SCALES = (1, 3, 5)
 """Sides of the averaging windows [pixel], where pixels are smaller than an object: sparkle is averaged out."""
 _FINE_PIXEL = 5.0
 """Pixel side below which a pixel is smaller than a boat [m]. There, submerged objects darker than the water count."""
-_ROUNDS = 3
-"""Number of times that the statistics are computed."""
+_ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0
 """A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water

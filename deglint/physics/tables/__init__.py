@@ -1,7 +1,5 @@
 """Spectral and angular tables of published models; the header of each file gives its source and licence."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import resources
 
@@ -10,8 +8,7 @@ import numpy.typing as npt
 
 from .._checks import Array, within
 
-WAVELENGTH_RANGE = (300.0, 1000.0)
-"""Wavelength range of the tables of light and water [nm]."""
+WAVELENGTH_RANGE = (300.0, 1000.0)  # wavelength range of the tables of light and water [nm]
 
 
 def checked_wavelength(wavelength: npt.ArrayLike) -> Array:

@@ -4,8 +4,6 @@
 local files are searched; other GDAL names (/vsis3/, https://) are opened as rasters.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Sequence

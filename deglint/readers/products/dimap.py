@@ -4,8 +4,6 @@ The driver reports neither gains nor the order of the bands; both are in the XML
 holds for reflectance products.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import PurePosixPath
 from typing import Any
@@ -22,10 +20,8 @@ IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
 _SHOWN = ("RED_CHANNEL", "GREEN_CHANNEL", "BLUE_CHANNEL")
 _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", "DB": "coastal", "P": "pan"}
 _DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
-_SCALED = ("BASIC", "", "REFLECTANCE")
-"""Radiometric processing levels whose gains convert to radiance or reflectance."""
-_PLEIADES_ORBIT = 694_000.0
-"""Altitude of Pleiades and SPOT 6 and 7 [m]."""
+_SCALED = ("BASIC", "", "REFLECTANCE")  # radiometric processing levels whose gains convert to radiance or reflectance
+_PLEIADES_ORBIT = 694_000.0  # altitude of Pleiades and SPOT 6 and 7 [m]
 UNIT = "W m-2 sr-1 um-1"
 
 

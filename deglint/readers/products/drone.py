@@ -10,8 +10,6 @@ https://github.com/micasense/imageprocessing
 DJI, Mavic 3M Image Processing Guide (2023), equation 9 and the vignetting correction.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,8 +28,7 @@ METADATA = r"(?!)"  # each file has its own
 IMAGES = (
     r"(?P<capture>IMG_\d{4,}|DJI_(?:\d+_)*\d{3,4}_MS|DJI_\d{3}(?=\d\.))_?(?P<band>\d{1,2}|G|R|RE|NIR)(?:_\d+)?\.tiff?"
 )
-THERMAL = 3000.0
-"""Bands beyond this wavelength are thermal [nm]."""
+THERMAL = 3000.0  # bands beyond this wavelength are thermal [nm]
 UNREGISTERED = (
     "the bands are not registered to each other: they are displaced by up to some ten pixels. Register them first for "
     "a correction band by band, or take an aligned stack or a mosaic"

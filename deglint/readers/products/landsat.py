@@ -4,8 +4,6 @@ GDAL has no driver for these: each band is a GeoTIFF, and only the MTL file has 
 the factors of Level 1 under the same names, so they are read from the group of the level.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -26,8 +24,7 @@ _WITHOUT_MTL = {
     "1": "the numbers are taken as they stand. Download it again, or give --scale and --offset",
     "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
 }
-FULL = 65535.0
-"""Largest value of the products if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)."""
+FULL = 65535.0  # largest value of the products if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
 LANDSAT_ORBIT = 705_000.0
 """Altitude of Landsat 8 and 9 [m]. They view the nadir, except in a few scenes with a ROLL_ANGLE of about 15 degrees.
 """

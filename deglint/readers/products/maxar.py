@@ -4,8 +4,6 @@ A mosaic of several tiles is opened by GDAL's TIL driver, a single image directl
 the IMD file: absCalFactor over effectiveBandwidth of each band.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import PurePosixPath

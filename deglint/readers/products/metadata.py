@@ -3,8 +3,6 @@
 XML, JSON and lines of groups are parsed into one kind of tree.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -21,8 +19,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError, ReadError
 from ..text import number
 
-MOST_MEMBERS = 20_000
-"""Most members of a folder that are listed: a folder that is no product may be large."""
+MOST_MEMBERS = 20_000  # most members of a folder that are listed: a folder that is no product may be large
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
@@ -202,13 +199,11 @@ def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
 
 
-EARTH_RADIUS = 6_371_000.0
-"""Mean radius of the Earth [m]."""
+EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 ORBIT = 600_000.0
 """Altitude of a satellite if not known [m]: imaging satellites fly at 450 to 800 km, which changes an incidence angle
 of 20 degrees by at most 0.7 degrees."""
-NADIR = 0.5
-"""Off-nadir angle below which no azimuth is needed [degree]: it does not affect the reflected light."""
+NADIR = 0.5  # off-nadir angle below which no azimuth is needed [degree]: it does not affect the reflected light
 
 
 def angle_tags(

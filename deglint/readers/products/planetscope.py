@@ -4,8 +4,6 @@ The image is one GeoTIFF; the XML file has the factor of each band to reflectanc
 scale 1/10000, whatever factors the XML of the radiance product beside it has.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,10 +16,8 @@ from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
-SURFACE_SCALE = 1e-4
-"""Scale of surface reflectance products, documented by Planet; it is not in the metadata."""
-DOVE_ORBIT = 500_000.0
-"""Altitude of the Doves, 450 to 580 km [m]."""
+SURFACE_SCALE = 1e-4  # scale of surface reflectance products, documented by Planet; it is not in the metadata
+DOVE_ORBIT = 500_000.0  # altitude of the Doves, 450 to 580 km [m]
 FOUR = ("blue", "green", "red", "nir")
 DOVE = ((485.0, 60.0), (545.0, 90.0), (630.0, 80.0), (820.0, 80.0))
 """Centres and widths [nm] of the first Doves (instrument PS2): 455-515, 500-590, 590-670 and 780-860 nm, from Planet's

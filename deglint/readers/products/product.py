@@ -5,8 +5,6 @@ names, scale, offset, nodata, unit and tags to their descriptions. Products and 
 an output has the same metadata.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

@@ -4,8 +4,6 @@ The image files are opened one by one, not through GDAL's SENTINEL2 driver: that
 separate dataset, needs a complete product with the original file names, and does not apply the offsets.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 import re
@@ -24,10 +22,8 @@ _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Pixel size of each band [m]."""
-FULL = 65535.0
-"""Saturated value if the metadata do not give it."""
-_QUANTUM = 10_000.0
-"""File value of reflectance 1 if the metadata do not give it."""
+FULL = 65535.0  # saturated value if the metadata do not give it
+_QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
     "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
     "--offset, or download the metadata again"
