@@ -8,7 +8,7 @@ from inspect import signature
 from pathlib import Path
 
 BENCHMARKS = (
-    "ablation", "choice", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan",
+    "ablation", "choice", "compare", "depths", "detection", "docs", "error", "field", "peers", "pictures", "plan",
     "plan_figures", "rates", "scale", "size", "sparkle", "spreading", "stress", "targets", "uncertainty", "varied",
     "workers",
 )  # fmt: skip
@@ -23,6 +23,7 @@ def main() -> None:
         epilog="docs: writes docs/benchmark.md. Users compare removal methods by rxdetect bench.",
     )
     parser.add_argument("what", choices=BENCHMARKS)
+    parser.add_argument("files", nargs="*", type=Path, help="compare: OLD.json and NEW.json of rxdetect bench")
     parser.add_argument("--quick", action="store_true", help="less of everything")
     parser.add_argument("--rounds", type=int, help="rates, plan: runs of everything; sparkle: seeds")
     parser.add_argument("--wind", type=float, default=9.0, help="sparkle, spreading: at 10 m [m/s]; 9 by default")

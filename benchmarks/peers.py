@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sklearn.covariance import EmpiricalCovariance
 from threadpoolctl import threadpool_limits
 
-from detect.bench.compare import short
+from detect.bench.numbers import short
 from detect.local import local_rx
 from detect.rx import rx
 

@@ -109,7 +109,6 @@ COMMANDS = {
     "list.csv": ("deglint batch {recipe} {text} --dry-run -q",),
     "stac.json": ("deglint batch {recipe} {text} --dry-run -q",),
     "model.json": ("deglint remove -q {tif} {out} --model {text}",),
-    "bench.json": ("rxdetect bench compare {old} {text}", "rxdetect bench compare {text} {old} --json"),
     "background.json": ("rxdetect score -q {tif} {out} --background {text}",),
 }
 """What is run on a file of each kind; on all others what is run on scenes."""
@@ -132,7 +131,7 @@ def case(number: int, seed: int, found: dict[str, Path], work: Path) -> list[str
     scene = work / "envi.img" if name.startswith("envi") else path
     words = {"scene": scene, "text": path, "tif": found["plain.tif"], "scores": found["scores.tif"],
              "recipe": found["recipe.toml"], "out": work / "out" / "out.tif", "json": work / "out" / "out.json",
-             "html": work / "out" / "out.html", "old": found["bench.json"]}  # fmt: skip
+             "html": work / "out" / "out.html"}  # fmt: skip
     command = dice.choice(COMMANDS.get(name, _SCENES))
     return [text for word in command.split() for text in (PLAIN if word == "{plain}" else [word.format(**words)])]
 

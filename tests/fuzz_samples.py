@@ -44,9 +44,6 @@ def samples(directory: Path) -> dict[str, Path]:
         "list.csv": "path,name\nplain.tif,a\nlzw.tif;big.tif,b\n",
         "stac.json": json.dumps({"type": "FeatureCollection", "features": [
             {"type": "Feature", "id": "a", "assets": {"data": {"href": "plain.tif", "type": "image/tiff"}}}]}),
-        "bench.json": json.dumps({"made": {"machine": {}}, "refused": {}, "numbers": {
-            name: {"value": 1, "low": 0.9, "high": 1.1, "unit": "s", "better": "low", "exact": False}
-            for name in "ab"}}),
     }  # fmt: skip
     for name, text in texts.items():
         found[name] = directory / name

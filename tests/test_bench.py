@@ -1,4 +1,4 @@
-"""`rxdetect bench`: what it measures is right, what it writes is whole, and two runs are compared."""
+"""`rxdetect bench`: what it measures is right, and what it writes is whole; two runs are compared."""
 
 import json
 import math
@@ -8,11 +8,12 @@ import sys
 import numpy as np
 import pytest
 
+from benchmarks import compare
 from deglint.physics.presets import preset
 from deglint.physics.sensor import noise_equivalent_radiance
 from deglint.remove import METHODS
-from detect.bench import compare, measure, report, run, scenes
-from detect.bench.compare import Number, over_seeds, timed
+from detect.bench import measure, report, run, scenes
+from detect.bench.numbers import Number, as_json, over_seeds, timed
 from detect.bench.run import DEFAULT, RAW
 from detect.report import plots
 
@@ -212,36 +213,16 @@ def test_what_counts_as_a_change(old, new, expected):
     assert compare.judge(old, new, same_machine=False) == (expected if old.exact else None)
 
 
-def test_two_runs_are_compared(rxdetect, tmp_path):
+def test_two_runs_are_compared(tmp_path, capsys):
     made = {"machine": {"processor": "p", "cores": 2}}
     runs = {"old": {"a": of(1, 0.1), "t": of(1, 0.1, exact=False), "gone": of(NAN)},
             "new": {"a": of(3, 0.1), "t": of(9, 0.1, exact=False), "b": of(1)}}  # fmt: skip
-    for name, numbers in runs.items():
-        (tmp_path / f"{name}.json").write_text(json.dumps(compare.as_json(numbers, made, {})))
-    same = rxdetect("bench", "compare", "old.json", "old.json", "--fail-on", "changed")
-    assert (same.code, same.out) == (0, "nothing changed beyond the intervals\n")
-    ran = rxdetect("bench", "compare", "old.json", "new.json")
-    assert ran.code == 0
-    assert [line.split()[:2] for line in ran.out.splitlines()] == [["worse", "a"], ["slower", "t"], ["gone", "gone"],
-                                                                   ["new", "b"]]  # fmt: skip
-    assert rxdetect("bench", "compare", "old.json", "new.json", "--fail-on", "worse").code == 1
-    listed = json.loads(rxdetect("bench", "compare", "old.json", "new.json", "--json").out)
-    assert listed[0]["new"]["value"] == 3
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{}", "does not hold a benchmark"),
-        ("[1]", "does not hold"),
-        ("{", "is not JSON"),
-        ('{"made": {"machine": {}}, "numbers": {"a": {"value": "x"}}}', "does not hold"),
-        ('{"made": 1, "numbers": {}}', "does not hold"),
-    ],
-)
-def test_files_that_are_no_benchmarks_are_refused(rxdetect, tmp_path, text, said):
-    (tmp_path / "x.json").write_text(text)
-    ran = rxdetect("bench", "compare", "x.json", "x.json")
-    assert ran.code == 1
-    assert said in ran.err
-    assert len(ran.err.splitlines()) == 1
+    old, new = files = [tmp_path / f"{name}.json" for name in runs]
+    for file, numbers in zip(files, runs.values(), strict=True):
+        file.write_text(json.dumps(as_json(numbers, made, {})))
+    compare.main([old, old])
+    assert "nothing changed" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="1"):
+        compare.main([old, new])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:2] for line in lines] == [["worse", "a"], ["slower", "t"], ["gone", "gone"], ["new", "b"]]

@@ -18,7 +18,7 @@ def test_every_command_has_an_example(program, name):
 
 
 def test_help_of_the_judging_commands_is_in_groups(rxdetect):
-    for call in (("roc",), ("bench",), ("bench", "compare")):
+    for call in (("roc",), ("bench",)):
         ran = rxdetect(*call, "--help")
         assert ran.code == 0
         assert "\nWhat to do:\n" in ran.out

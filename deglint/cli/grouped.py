@@ -60,7 +60,6 @@ class Judging(Grouped):
     groups: ClassVar[dict[str, tuple[str, ...]]] = {
         "What to do": (
             "per_object", "connected", "mask", "pfa_max", "draws", "block", "seed", "lower", "quick", "only", "seeds",
-            "fail_on",
         ),
         "Output": ("report", "json_file", "overwrite"),
         "Messages": OPTION_GROUPS["Messages"],

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..report.page import render
 from ..report.plots import as_uri, new_figure
-from .compare import short
+from .numbers import short
 from .run import DEFAULT, GRID, LIMIT, PFA, RAW, Condition, Results
 from .scenes import REFLECTANCES, SIDE
 

@@ -17,8 +17,8 @@ from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
 from ..roc import object_curve
-from .compare import Number, over_seeds, timed
 from .measure import VISIBLE_BANDS, Float64, curves, rms_error, rx_scores
+from .numbers import Number, over_seeds, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"

@@ -1,6 +1,5 @@
-"""`rxdetect bench`: measure every removal method; `rxdetect bench compare`: what changed between two runs."""
+"""`rxdetect bench`: measure every removal method."""
 
-import json
 import logging
 import tempfile
 import time
@@ -18,19 +17,7 @@ from . import command_line
 log = logging.getLogger(__name__)
 
 
-class Bench(Judging):
-    """The benchmark; after the word `compare`, the comparison of two runs."""
-
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        """Context of the command that the arguments are for."""
-        if args[:1] == ["compare"]:
-            return compare.make_context(f"{info_name} compare", args[1:], parent, **extra)
-        return super().make_context(info_name, args, parent, **extra)
-
-
-@click.command(cls=Bench, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("out", default="benchmark.html", type=FILE, metavar="[OUT.html]")
 @click.option("--quick", is_flag=True, help="One wind and small scenes: seconds, not minutes.")
 @click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
@@ -50,14 +37,13 @@ def bench(out: str, **given: Any) -> None:
     \b
     rxdetect bench --quick
     rxdetect bench report.html --only hedley,multiband,default --seeds 3
-    rxdetect bench compare OLD.json NEW.json          # what got better or worse
     """  # fmt: skip
     from deglint.raster.output import Scratch, write_json, write_text
     from deglint.raster.targets import check_targets
 
     from ..bench import report
-    from ..bench.compare import as_json
     from ..bench.machine import load_now, provenance
+    from ..bench.numbers import as_json
     from ..bench.run import Effort, measure, removals
     from ..report.plots import check_installed
 
@@ -86,39 +72,3 @@ def bench(out: str, **given: Any) -> None:
             write_text(scratch, targets[0], report.page(found, made))
             write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
         log.info("%s and %s: written in %.0f s", *targets, seconds)
-
-
-@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("old", type=FILE, metavar="OLD.json")
-@click.argument("new", type=FILE, metavar="NEW.json")
-@click.option("--fail-on", type=click.Choice(["worse", "changed"]), help="Exit code 1 where a number got worse or "
-              "slower or is gone; or where any number changed.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the changes as JSON on stdout, and nothing else there.")
-@click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails.")
-def compare(old: str, new: str, **given: Any) -> None:
-    """Print which numbers got better, worse, faster or slower, changed, are new or gone.
-
-    OLD.json and NEW.json are files that rxdetect bench wrote. A number counts as better or worse when its interval does
-    not overlap the old one; a time must also move by more than 10 %, on the same machine.
-
-    \b
-    rxdetect bench compare main.json branch.json --fail-on worse
-    """  # fmt: skip
-    from dataclasses import asdict
-
-    from deglint.raster.output import plain
-    from deglint.readers.text import read_json
-
-    from ..bench.compare import compare as compared
-
-    found = compared(read_json(old, "OLD.json"), read_json(new, "NEW.json"))
-    if given["as_json"]:
-        click.echo(json.dumps(plain([asdict(change) for change in found]), indent=2))
-    else:
-        for line in map(str, found):
-            click.echo(line)
-        if not found:
-            click.echo("nothing changed beyond the intervals")
-    bad = {"worse", "slower", "gone"}
-    if given["fail_on"] and any(given["fail_on"] == "changed" or c.verdict in bad for c in found):
-        raise click.exceptions.Exit(1)

@@ -1,0 +1,55 @@
+"""Measured numbers with their intervals."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import mean, median, stdev
+from typing import Any, Literal
+
+Better = Literal["lower", "higher"]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A measured number; its range is the 95 % interval of the mean over seeds, or that of repeated timings."""
+
+    value: float
+    low: float = math.nan  # of a single value
+    high: float = math.nan
+    unit: str = ""  # "%", "s", "ns", or "" for a ratio
+    better: Better = "lower"
+    exact: bool = True  # the same on every machine for the same seeds and versions; False for times
+
+    def __str__(self) -> str:
+        spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
+        return short(self.value) + spread
+
+
+def short(value: float) -> str:
+    """A value with three digits, and no power of ten where it is large."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
+    """Mean over seeds and its 95 % interval (Student's t), cut at 0 and at `most`, where the values cannot be."""
+    from scipy.stats import t
+
+    centre = mean(values)
+    if len(values) < 2 or math.isnan(centre):
+        return Number(centre, unit=unit, better=better)
+    half = float(t.ppf(0.975, len(values) - 1)) * stdev(values) / math.sqrt(len(values))
+    return Number(centre, max(centre - half, 0.0), min(centre + half, most), unit, better)
+
+
+def timed(values: Sequence[float], unit: str = "s") -> Number:
+    """Median of repeated timings and their range."""
+    return Number(median(values), min(values), max(values), unit, exact=False)
+
+
+def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
+    """A run as plain values for JSON, with None for NaN."""
+    from deglint.raster.output import plain
+
+    values = {name: asdict(number) for name, number in numbers.items()}
+    out: dict[str, Any] = plain({"made": made, "numbers": values, "refused": refused})
+    return out
