@@ -46,10 +46,7 @@ def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Arr
 
 
 def facet(
-    sun_zenith: npt.ArrayLike,
-    sun_azimuth: npt.ArrayLike,
-    view_zenith: npt.ArrayLike,
-    view_azimuth: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike, sun_azimuth: npt.ArrayLike, view_zenith: npt.ArrayLike, view_azimuth: npt.ArrayLike
 ) -> Facet:
     """Facet that reflects the sun into the sensor.
 

@@ -60,12 +60,7 @@ MODELS: dict[str, SlopeModel] = {
 
 
 def density(
-    upwind: npt.ArrayLike,
-    crosswind: npt.ArrayLike,
-    wind: npt.ArrayLike,
-    *,
-    model: str = "cox-munk",
-    clip: bool = True,
+    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, model: str = "cox-munk", clip: bool = True
 ) -> Array:
     """Probability density of the slopes of the sea surface for a wind.
 
@@ -111,10 +106,7 @@ def density(
 
 
 def gaussian(
-    upwind: npt.ArrayLike,
-    crosswind: npt.ArrayLike,
-    variance_upwind: npt.ArrayLike,
-    variance_crosswind: npt.ArrayLike,
+    upwind: npt.ArrayLike, crosswind: npt.ArrayLike, variance_upwind: npt.ArrayLike, variance_crosswind: npt.ArrayLike
 ) -> Array:
     """Gaussian density of slopes with given variances, as for the waves that a pixel does not resolve.
 

@@ -128,11 +128,7 @@ def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> No
 
 
 def apply(
-    block: FloatArray,
-    model: GlintModel,
-    *,
-    where: Mask | None = None,
-    out: FloatArray | None = None,
+    block: FloatArray, model: GlintModel, *, where: Mask | None = None, out: FloatArray | None = None
 ) -> FloatArray:
     """Subtract the glint that a model predicts in a block.
 

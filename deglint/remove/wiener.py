@@ -67,10 +67,7 @@ class SampleTile:
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
 def fit(
-    request: FitRequest,
-    tiles: Sequence[SampleTile],
-    *,
-    strips: Strips | Callable[[SquareKinds], Strips] | None = None,
+    request: FitRequest, tiles: Sequence[SampleTile], *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
 ) -> GlintModel:
     """Fit kernels, responses and level; no fits if the bands' common glint is not significant or worth removing.
 
