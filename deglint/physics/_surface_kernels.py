@@ -19,7 +19,7 @@ def frequency(i: int, n: int, step: float) -> float:
 
 @njit(nogil=True, cache=True)
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
-    """Scale `noise` (row, column), complex of two standard normal numbers, in place to amplitudes of the waves [m].
+    """Scale `noise`, (row, column) complex standard normal numbers, to wave amplitudes [m], in place.
 
     sums[row] is filled with the variances of height [m2], east slope and north slope, and the covariance of the slopes.
 

@@ -42,7 +42,7 @@ class Iops(NamedTuple):
 def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
-    With the table's A and E (Bricaud et al. 1998) and C the chlorophyll,
+    With A and E from a table (Bricaud et al. 1998), absorption a_w of sea water and a_p of particles, chlorophyll C,
 
         a = a_w + A C^E + 0.2 a_p(440) exp(-0.014 (lambda - 440)),
         b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0,
@@ -92,6 +92,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
 
 
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:
+    """A column of a table, interpolated linearly to wavelengths [nm]."""
     columns = load(table)
     return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
 

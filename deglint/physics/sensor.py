@@ -242,8 +242,8 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
 def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
     """Standard deviation s of a pixel [electrons]: shot, dark, read and quantisation noise.
 
-    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the signal N [electrons] and the exposure time
-    `exposure` [s], which gives N_dark.
+    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the signal N and the dark signal N_dark of an
+    exposure time [s], both in electrons.
     """
     fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)

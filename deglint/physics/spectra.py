@@ -58,6 +58,7 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
 
 
 def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
+    """The spectrum of `pierson_moskowitz` [m2/Hz] with any constant `alpha` and any peak frequency [Hz]."""
     f = np.asarray(frequency, dtype=np.float64)
     with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is 0, as it should be
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
@@ -166,10 +167,12 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
 
 
 def _eckv_speed(k: Floats) -> Floats:
+    """Phase speed [m/s] of waves with the wavenumber k [rad/m], with Elfouhaily's constants."""
     return np.sqrt(GRAVITY / k * (1 + (k / _ECKV_KM) ** 2))
 
 
 def _friction_velocity(wind: float) -> float:
+    """Friction velocity [m/s] for a wind at 10 m [m/s]."""
     return float(np.sqrt(1.44e-3) * wind)
 
 

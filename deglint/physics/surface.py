@@ -52,6 +52,7 @@ class Surface:
         return self._field(time, True, workers)
 
     def _field(self, time: float, slopes: bool, workers: int) -> Complex:
+        """East slope + i * north slope if `slopes`, else the height (real part), at a time [s]."""
         from scipy import fft
 
         from ._surface_kernels import evolve
@@ -145,6 +146,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
 
 
 def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
+    """Check that a grid can hold the waves; see `realise`. Raises InputError: it cannot."""
     peak = sea.peak_wavelength
     if not spacing > 0 or min(shape) < 8:
         raise InputError(f"grid must have a step above 0 m and at least 8 x 8 points, got {spacing:g} m and {shape}")

@@ -96,7 +96,7 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
 def lee_1999(water: Iops) -> Array:
     """Remote-sensing reflectance of deep water [1/sr] by Lee et al. (1999), for sun and sensor near the zenith.
 
-    It is r = (0.084 + 0.170 u) u below the surface, with u = b_b / (a + b_b), and 0.52 r / (1 - 1.7 r) above.
+    It is 0.52 r / (1 - 1.7 r), with r = (0.084 + 0.170 u) u just below the surface and u = b_b / (a + b_b).
     """
     u = water.backscattering / (water.absorption + water.backscattering)
     below = (0.084 + 0.170 * u) * u

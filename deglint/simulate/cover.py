@@ -69,6 +69,7 @@ class Cover:
             self._add_land(land)
 
     def _add_land(self, seed: np.random.SeedSequence) -> None:
+        """Add patches of vegetation and rock behind a curved shore, along the right edge of the image."""
         setup, shape = self.setup, self._fixed.shape
         bend, patches = seed.spawn(2)
         width = setup.size[1] * setup.sensor.gsd
@@ -87,10 +88,7 @@ class Cover:
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw a target into `labels` at a time [s]: a hull with a pointed bow, whose label is `number`, and its wake.
-
-        The wake is foam that becomes thinner and wider behind the stern.
-        """
+        """Draw a hull with a pointed bow (label `number`), and its wake: foam, thinner and wider behind the stern."""
         facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
         right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake

@@ -68,8 +68,7 @@ class Facets:
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Density of slopes at the slope that glints [1], and reflected sky per diffuse irradiance [1/sr], at a time.
 
-        `time` is in seconds after the first band. Both are (row, column) float32, by facet; `workers` is the number of
-        threads, which does not change them.
+        Both are (row, column) float32, by facet. `time` [s] is after the first band; `workers` does not change them.
         """
         from ._kernels import reflect
 
@@ -121,19 +120,16 @@ def _draw_sparkle(
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies (4096,) [rad/s], each with the same share of the slope variance that facets do not resolve.
-
-    `facet` is the side of a facet [m].
-    """
+    """Angular frequencies (4096,) [rad/s] with equal shares of the slope variance below the facet size [m]."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
 
 
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
-    """Glint radiance per unit of slope density and of irradiance on a plane facing the sun [1/sr].
+    """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
 
-    It is multiplied by the ratio of the slope model to a Gaussian at the slope that glints; 0 where the Gaussian is 0.
+    It includes the ratio of the slope model to the Gaussian at the slope that glints; 0 where the Gaussian is 0.
     """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)

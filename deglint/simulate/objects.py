@@ -46,7 +46,7 @@ class SubmergedObject(Checked):
 
 
 def square(right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0) -> SubmergedObject:
-    """Make a square object from the position of its centre, its side and its depth [m], and its reflectance [1].
+    """Make a square object from its centre (right, down), side and depth, all in metres, and its reflectance [1].
 
     Examples
     --------
@@ -98,7 +98,7 @@ def thesis_array(
 
 
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
-    """Number of the object under each point of a grid, (row, column) uint16: from 1 in their order, 0 for no object.
+    """Number of the object at each point of a grid, (row, column) uint16: 1 for the first object, 0 for no object.
 
     Later objects hide earlier ones. The step of the grid is `spacing` [m]; its first point lies half a step inside.
     """

@@ -50,7 +50,8 @@ class SimulatedScene:
         Number of the submerged object, from 1 in the order of the setup; 0 where there is none, or where the bottom
         hides it, or land, foam or a floating target in any band.
     height, slopes : (row, column) and (2, row, column) float32 ndarray, or None
-        Height [m], and slopes towards east and north [1], of the resolved waves at the first time: pixel means.
+        Height [m], and slopes towards east and north [1], of the resolved waves at the time of the first band, as means
+        over each pixel.
     resolved_slope_variance : (float, float)
         Expected variance of the upwind and crosswind slopes of the resolved waves on this grid [1].
     cover : (band, row, column) uint8 ndarray or None
@@ -184,10 +185,7 @@ class _World:
         return not self.setup.objects and self.depth is None and self.cover is None
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Water-leaving radiance of each facet in a band, or radiance of its cover, (row, column) float32.
-
-        `cover` holds the labels of `Cover.at`.
-        """
+        """Water-leaving radiance of facets in a band, or of their `cover` (labels), (row, column) float32."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -294,9 +292,9 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), at the first time.
+    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), of the sea at the first time.
 
-    They are means over each pixel.
+    Both are means over each pixel.
     """
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)

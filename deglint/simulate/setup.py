@@ -71,7 +71,7 @@ class Setup(Checked):
     targets : tuple of FloatingTarget
         Boats, swimmers and buoys; in bands with a delay a moving target is at different places.
     supersample : int
-        Facets per pixel along each axis.
+        Facets, the cells on which the sea is computed, per pixel along each axis.
     patch : float
         Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
         gives none. Surfaces resolved to 1 mm correspond to 0.005; with 0.06 single facets flash.
