@@ -120,7 +120,7 @@ def _draw_sparkle(
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies (4096,) [rad/s] with equal shares of the slope variance below the facet size [m]."""
+    """Angular frequencies (4096,) [rad/s] with equal shares of the slope variance that facets [m] do not resolve."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
