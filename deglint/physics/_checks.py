@@ -1,4 +1,4 @@
-"""Errors for values outside the range of a model: name, allowed range, value, remedy."""
+"""Checks of values against the range of a model; an error names the value, its range, what was got, and a remedy."""
 
 from dataclasses import field, fields
 from typing import Any, cast
@@ -10,15 +10,16 @@ from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
-"""Of single or double precision."""
+"""Array of single or double precision."""
 VIEW_LIMIT = 89.0
 """Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 
 
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
-    """The value as float64, NaN kept; InputError if it lies outside [low, high].
+    """Return `value` as float64 if all of it lies in [low, high]; NaN is allowed.
 
-    Raises InputError: a value is below `low` or above `high`, or is not a number.
+    `unit` ("" for none) and `remedy`, a sentence, are part of the message of the error.
+    Raises InputError: a value is below `low` or above `high`, or cannot be converted to a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -33,25 +34,28 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
-    """As `within`, but InputError for NaN, too."""
+    """Check a value as `within` does, and that it is not NaN. Raises InputError: it is out of range, or NaN."""
     if np.isnan(within(name, value, low, high, unit, remedy)).any():
         raise InputError(f"{name} must be a finite number, got {value}; give one.")
 
 
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
-    """A field of a `Checked` dataclass with its range; MISSING for no default. None is allowed, NaN is not."""
+    """Declare a number field of a `Checked` dataclass with its range [low, high]; NaN is not in it, None is allowed.
+
+    `default` is MISSING for a required field; `more` is further metadata of the field.
+    """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
 
 def one_of(default: Any, allowed: Any, **more: Any) -> Any:
-    """A field of a `Checked` dataclass with the words that are allowed."""
+    """Declare a field of a `Checked` dataclass whose value must be one of `allowed`."""
     return field(default=default, metadata={"allowed": allowed, **more})
 
 
 class Checked:
-    """A dataclass whose fields are checked against their ranges and allowed words.
+    """Base of dataclasses: checks each field that is declared with `ranged` or `one_of` when an instance is made.
 
-    Raises InputError: a value is not allowed, or is not a finite number.
+    Raises InputError: a value is out of its range, is NaN, or is not among the allowed values.
     """
 
     def __post_init__(self) -> None:
@@ -64,18 +68,24 @@ class Checked:
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
-    """Zenith angle of the sun above the horizon [degree]."""
+    """Check zenith angles of the sun [degree], return them as float64. Raises InputError: outside 0 to 90."""
     return within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
 
 
 def view_angle(view_zenith: npt.ArrayLike) -> Array:
-    """Zenith angle of the sensor, where the formulas of the surface hold [degree]."""
+    """Check zenith angles of the sensor [degree], return them as float64.
+
+    Raises InputError: outside 0 to `VIEW_LIMIT`, where the formulas of the surface hold.
+    """
     remedy = "Nearer to the horizon waves hide each other; look more steeply."
     return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
 
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
-    """Latitude and longitude [degree]."""
+    """Check latitude and longitude [degree], return them as float64.
+
+    Raises InputError: a latitude is outside -90 to 90, or a longitude outside -180 to 360.
+    """
     remedy = "North is positive. Are latitude and longitude swapped?"
     return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
         "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
@@ -83,14 +93,11 @@ def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Arra
 
 
 def day_number(day: npt.ArrayLike) -> Array:
-    """Day of the year."""
+    """Check days of the year (1 to 367, with fractions), return them as float64. Raises InputError: out of range."""
     return within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
 
 
 def choice(name: str, value: Any, allowed: Any) -> None:
-    """Check that a value is one of those allowed.
-
-    Raises InputError: the value is not among them.
-    """
+    """Check that a value is in `allowed`. Raises InputError: it is not."""
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -7,10 +7,11 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply a half spectrum by an MTF, and alias (fold) its rows onto those of the pixel grid.
+    """Multiply a half spectrum by an MTF, and alias (fold) its rows onto the rows of the pixel grid.
 
-    spectrum (fine rows, fine columns // 2 + 1), out (rows, fine columns // 2 + 1). `row_factor` and `column_factor`
-    hold frequencies [cycles/pixel] and their factors; `limit` is the cutoff of diffraction [cycles/pixel].
+    spectrum (fine rows, fine columns // 2 + 1), out (rows, fine columns // 2 + 1): rows `first` to `last` - 1 of `out`
+    are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], MTF along this axis at each of them);
+    the MTF of diffraction is computed here, with its cutoff `limit` [cycles/pixel].
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

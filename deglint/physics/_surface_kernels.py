@@ -1,26 +1,30 @@
-"""Compiled loops of `deglint.physics.surface`, each over a slab (first row, last row + 1): threads share the work."""
+"""Compiled loops of `deglint.physics.surface`.
+
+Each works on a slab of rows (first row, last row + 1), so that threads can share the work. `steps` are the steps of
+wavenumber along rows and columns [rad/m].
+"""
 
 import math
 
 from ..jit import njit
 
-ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # kinds of spreading
+ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreading functions
 
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Wavenumber of index `i` in FFT order."""
+    """Wavenumber of index `i` of `n` in FFT order, with the sign, in the unit of `step`; index n / 2 is positive."""
     return (i if i <= n // 2 else i - n) * step
 
 
 @njit(nogil=True, cache=True)
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
-    """Scale unit complex noise (rows, columns) in place to amplitudes.
+    """Scale `noise`, (row, column) complex standard normal numbers, to wave amplitudes [m], in place.
 
-    sums[row] gets the variances of height, east slope, north slope, and the covariance of slopes.
+    sums[row] is filled with the variances of height [m2], east slope and north slope, and the covariance of the slopes.
 
-    `table` has even steps of log wavenumber: start, step, log density, Elfouhaily's D. `how` is (kind, exponent, norm,
-    opposing share), `along` the (east, north) components of the direction downwind.
+    `table` is (first log wavenumber, its step, log spectral density (n,), Elfouhaily's D (n,)). `how` is (code of the
+    spreading, exponent, norm, opposing share), `along` the unit vector (east, north) downwind.
     """
     rows, columns = noise.shape
     row_step, column_step = steps
@@ -60,10 +64,10 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Spectrum at a time: of the height, or of the complex field (east slope + i north slope).
+    """Fill `out` with the spectrum at a time [s]: of the height, or of (east slope + i north slope) if `slopes`.
 
-    Row r and its mirror image (rows - r) hold the same waves, so both are filled for r in the slab, which lies
-    within 0..rows // 2.
+    Row r and its mirror image (rows - r) hold the same waves, so both are filled for each r of the slab, which lies
+    within 0..rows // 2. `physics` is (surface tension over density, acceleration of gravity), in SI units.
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps
@@ -86,5 +90,5 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
             z = complex(a) * turn + (complex(b) * turn).conjugate()
             tilt = complex(-north, east) if slopes else complex(1.0, 0.0)
             out[r, c] = z * tilt
-            if other != r:  # a row that is its own mirror image comes by its other waves itself
+            if other != r:  # a row that is its own mirror image is filled by the loop over c
                 out[other, mirror] = z.conjugate() * (-tilt if slopes else tilt)

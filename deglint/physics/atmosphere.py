@@ -1,9 +1,9 @@
 """Sunlight at the surface of the sea under a clear sky: direct and diffuse, by wavelength.
 
-The model of Gregg and Carder for maritime air, 300 to 1000 nm: ozone, oxygen, water vapour, molecules, and the Navy's
-three kinds of aerosol, which follow from the air mass type, the humidity, the wind and the visibility. The air mass is
-that of Kasten and Young, and the largest aerosol has the factor 0.05 that is missing in the paper but present in every
-code of the model. Clouds are not modelled.
+This is the model of Gregg and Carder for maritime air, 300 to 1000 nm. It has absorption by ozone, oxygen and water
+vapour, scattering by molecules, and the Navy's three kinds of aerosol, which depend on air mass type, humidity, wind
+and visibility. The air mass is computed as by Kasten and Young. The amount of the largest aerosol is multiplied by
+0.05: the paper omits this factor, every code of the model has it. Clouds are not modelled.
 
 References
 ----------
@@ -26,14 +26,24 @@ from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
 from .tables import checked_wavelength, load
 
 STANDARD_PRESSURE = 1013.25  # pressure at sea level [hPa]
-_SCALE_HEIGHT = 1.0  # of aerosol [km]
-_RADII = np.array([0.1, 1.0, 10.0])  # where the size distribution is fitted [um]
-_MODES = np.array([0.03, 0.24, 2.0])  # of the three kinds of aerosol [um]
+_SCALE_HEIGHT = 1.0  # scale height of the aerosol [km]
+_RADII = np.array([0.1, 1.0, 10.0])  # radii at which a power law is fitted to the size distribution [um]
+_MODES = np.array([0.03, 0.24, 2.0])  # mode radii of the three kinds of aerosol [um]
 
 
 @dataclass(frozen=True)
 class Air(Checked):
-    """State of the atmosphere."""
+    """State of the atmosphere.
+
+    Attributes
+    ----------
+    air_mass_type, visibility : float
+        Origin of the air, 1 for the open ocean to 10 for a continent; horizontal visibility [km].
+    humidity, water_vapour, ozone, pressure : float
+        Relative humidity [%], water vapour column [cm], ozone column [DU], pressure at the sea [hPa].
+    wind_mean, wind : float
+        Mean wind of the last 24 hours, and wind now, at 10 m [m/s].
+    """
 
     air_mass_type: float = ranged(1.0, 1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent.")
     humidity: float = ranged(80.0, 0.0, 100.0, "%", "Give relative humidity.")
@@ -46,25 +56,25 @@ class Air(Checked):
 
 
 class Aerosol(NamedTuple):
-    """Optical parameters of the aerosol [1]; its depth is turbidity wavelength^-exponent, the wavelength in um."""
+    """Optical parameters of the aerosol [1]; its optical depth is turbidity * (wavelength [um])^-exponent."""
 
     exponent: float  # Angstrom's alpha
-    turbidity: float  # Angstrom's beta
+    turbidity: float  # Angstrom's beta: optical depth at 1 um
     asymmetry: float  # mean cosine of the scattering angle
     albedo: float  # share of the extinction that is scattering
 
 
 class Spectrum(NamedTuple):
-    """Sun and gases at given wavelengths: irradiance at mean distance [W m-2 nm-1], absorption [1/cm]."""
+    """Sunlight above the atmosphere, and absorption by gases: one value for each wavelength."""
 
-    irradiance: Array
-    ozone: Array
+    irradiance: Array  # solar irradiance at the mean distance of the sun [W m-2 nm-1]
+    ozone: Array  # absorption coefficients [1/cm], here and below
     oxygen: Array
     water_vapour: Array
 
 
 class Irradiance(NamedTuple):
-    """Irradiance of a horizontal plane just above the sea [W m-2 nm-1], from the solar disk and from the sky."""
+    """Irradiance of a horizontal plane just above the sea [W m-2 nm-1]: direct from the sun, diffuse from the sky."""
 
     direct: Array
     diffuse: Array
@@ -84,22 +94,22 @@ def irradiance(
     Parameters
     ----------
     wavelength : array_like
-        In air [nm], 300 to 1000; broadcasts with `sun_zenith`.
+        Wavelength in air [nm], 300 to 1000; broadcasts with `sun_zenith`.
     sun_zenith : array_like
         Zenith angle of the sun [degree], 0 to 90.
     air : Air, optional
-        State of the air; the defaults of `Air` if left out.
+        State of the atmosphere; by default ``Air()``.
     day : array_like, optional
-        Day of the year, for the distance of the sun; mean distance if left out.
+        Day of the year, for the distance of the sun; by default the mean distance is used.
     spectrum : Spectrum, optional
-        Sun and gases at `wavelength`, in place of the table.
+        Sunlight and gases at `wavelength`; by default `table_spectrum`.
     **params
         Single fields of `Air` to change, such as ``visibility=23``.
 
     Returns
     -------
     Irradiance
-        On a horizontal plane; direct / cos(sun zenith) is that on a plane facing the sun.
+        On a horizontal plane. On a plane facing the sun the direct irradiance is direct / cos(sun zenith).
 
     Examples
     --------
@@ -126,7 +136,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Sun and gases from the table of this package, interpolated linearly between steps of 1 nm."""
+    """Sunlight and gases at wavelengths [nm], interpolated linearly in a table with steps of 1 nm."""
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
@@ -134,7 +144,7 @@ def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
 
 
 def navy_aerosol(air: Air) -> Aerosol:
-    """Aerosol of the Navy model (Gregg and Carder 1990, eq. 20 to 28 and 36).
+    """Optical parameters of the aerosol by the Navy model (Gregg and Carder 1990, eq. 20 to 28 and 36).
 
     Examples
     --------
@@ -155,7 +165,9 @@ def navy_aerosol(air: Air) -> Aerosol:
 
 
 def air_mass(sun_zenith: npt.ArrayLike) -> Array:
-    """Relative air mass: path through the air over that to the zenith [1] (Kasten and Young 1989).
+    """Relative air mass [1]: path of the sunlight through the air, relative to a vertical path (Kasten and Young 1989).
+
+    `sun_zenith` is the zenith angle of the sun [degree], 0 to 90.
 
     Examples
     --------
@@ -167,7 +179,10 @@ def air_mass(sun_zenith: npt.ArrayLike) -> Array:
 
 
 def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
-    """Share of the light scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32)."""
+    """Share of the light scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32).
+
+    `sun_zenith` is in degrees; `asymmetry` is the mean cosine of the scattering angle.
+    """
     cosine = _cosine(sun_zenith)
     b3 = np.log(1.0 - asymmetry)
     b1 = b3 * (1.459 + b3 * (0.1595 + 0.4129 * b3))
@@ -176,12 +191,7 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
-    """Climatological ozone column for a place and day [DU] (Van Heuklon 1979).
-
-    Parameters
-    ----------
-    latitude, longitude, day : array_like
-        North and east positive [degree], and day of the year.
+    """Climatological ozone column [DU] (Van Heuklon 1979) for a place [degree], north and east positive, on a day.
 
     Examples
     --------
@@ -196,7 +206,7 @@ def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike)
 
 
 def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
-    """Transmittance of ozone, oxygen and water vapour together."""
+    """Transmittance [1] of ozone, oxygen and water vapour together, along the path of the direct sunlight."""
     cosine, path = _cosine(sun_zenith), air_mass(sun_zenith)
     ozone_path = (1.0 + 22.0 / 6370.0) / np.sqrt(cosine**2 + 44.0 / 6370.0)
     oxygen = spectrum.oxygen * path * air.pressure / STANDARD_PRESSURE

@@ -1,6 +1,6 @@
 """Reflection and refraction of light at a flat air-water interface.
 
-Unpolarised and polarised reflectance, and Snell's angle. Waves and the sun are dealt with elsewhere.
+Unpolarised and polarised reflectance, the angle of refraction (Snell's law), and the transmittance of radiance.
 
 References
 ----------
@@ -18,7 +18,7 @@ WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usua
 def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
     """Power reflectance [1] for light polarised perpendicular and parallel to the plane of incidence.
 
-    Takes the cosine of the angle of incidence in air; keeps its precision, without checks.
+    `cosine` is the cosine of the angle of incidence in air, 0 to 1, and is not checked; the results have its precision.
     """
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
@@ -34,7 +34,7 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     Parameters
     ----------
     angle : array_like
-        Incidence in air, from the normal [degree], 0 to 90.
+        Angle of incidence in air, from the normal [degree], 0 to 90.
     index : array_like
         Refractive index of water over that of air [1], 1.01 to 2.
 
@@ -56,14 +56,8 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> Array:
     """Fresnel reflectance for unpolarised light from the cosine of the angle of incidence.
 
-    Like `reflectance`, but fast for arrays of many facets: it does not check its arguments, and keeps their precision.
-
-    Parameters
-    ----------
-    cosine : ndarray
-        Of the incidence in air [1], 0 to 1.
-    index : ndarray or float
-        See `reflectance`.
+    Like `reflectance`, but faster for large arrays: the arguments are not checked, and the result has their precision.
+    `cosine` is the cosine of the angle of incidence in air [1], 0 to 1.
 
     Examples
     --------
@@ -75,12 +69,7 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
 
 
 def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Angle from the normal in the water, by Snell's law [degree].
-
-    Parameters
-    ----------
-    angle, index : array_like
-        See `reflectance`.
+    """Angle of refraction in the water, from the normal [degree], by Snell's law; arguments are as in `reflectance`.
 
     Examples
     --------
@@ -93,14 +82,10 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
 
 
 def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Radiance in air over the radiance in water, (1 - r) / n^2.
+    """Transmittance of radiance from water to air [1]: radiance in air over radiance in water, (1 - r) / n^2.
 
-    The transmitted flux is 1 - r; it is spread over a wider cone, hence the factor 1 / n^2.
-
-    Parameters
-    ----------
-    angle, index : array_like
-        Of the ray in air; see `reflectance`.
+    The surface transmits the share 1 - r of the flux, and refraction spreads it over n^2 times the solid angle. `angle`
+    is the angle of the ray in air from the normal [degree].
 
     Examples
     --------

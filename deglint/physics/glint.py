@@ -1,9 +1,9 @@
 """Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and its radiance.
 
-For a small solar disk and single reflections, the facet that glints has the normal that bisects the directions to the
-sun and to the sensor. Its share of the pixel follows from the probability density of slopes, and no sum over facets is
-needed. Angles of sun and sensor are as seen from the target. Except in `sun_glint`, the density of slopes is an
-argument.
+For a small solar disk and single reflections, the normal of the facet that glints bisects the angle between the
+directions to the sun and to the sensor. The share of the pixel that glints follows from the probability density of
+slopes, without a sum over facets. Angles of sun and sensor are as seen from the target. In `sun_glint` the density of
+slopes follows from the wind; in the other functions it is an argument.
 
 References
 ----------
@@ -21,10 +21,10 @@ from ._checks import Array, sun_angle, view_angle, within
 
 
 class Facet(NamedTuple):
-    """The facet that reflects the sun into the sensor."""
+    """Slopes and angles of the facet that reflects the sun into the sensor."""
 
-    east: Array  # slope [1]
-    north: Array  # slope [1]
+    east: Array  # slope towards east [1]
+    north: Array  # slope towards north [1]
     incidence: Array  # angle between its normal and the sun [degree]
     tilt: Array  # angle between its normal and the zenith [degree]
 
@@ -32,15 +32,15 @@ class Facet(NamedTuple):
 class Glint(NamedTuple):
     """Sun glint for one geometry and wind."""
 
-    radiance: Array  # per unit of irradiance on a plane facing the sun [1/sr]
-    probability: Array  # share of the pixel, as the sensor sees it, that mirrors a part of the disk [1]
-    density: Array  # of slopes at the facet that glints [1]
-    incidence: Array  # of that facet [degree]
-    tilt: Array
+    radiance: Array  # glint radiance per unit of irradiance on a plane facing the sun [1/sr]
+    probability: Array  # share of the pixel, as the sensor sees it, that reflects a part of the solar disk [1]
+    density: Array  # probability density of slopes at the slopes of the facet that glints [1]
+    incidence: Array  # angle between the normal of this facet and the sun [degree]
+    tilt: Array  # angle between the normal of this facet and the zenith [degree]
 
 
 def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Array, Array]:
-    """Unit vector (east, north, up) of a zenith angle and an azimuth [degree]."""
+    """Unit vector (east, north, up) that points to a zenith angle and an azimuth [degree]."""
     z, a = (np.radians(np.asarray(angle, dtype=np.float64)) for angle in (zenith, azimuth))
     return np.sin(z) * np.sin(a), np.sin(z) * np.cos(a), np.cos(z)
 
@@ -48,10 +48,10 @@ def direction(zenith: npt.ArrayLike, azimuth: npt.ArrayLike) -> tuple[Array, Arr
 def facet(
     sun_zenith: npt.ArrayLike, sun_azimuth: npt.ArrayLike, view_zenith: npt.ArrayLike, view_azimuth: npt.ArrayLike
 ) -> Facet:
-    """Facet that reflects the sun into the sensor.
+    """Compute the facet that reflects the sun into the sensor.
 
-    With s and v the unit vectors to the sun and the sensor, h = (s + v) / |s + v| is its normal and
-    (-h_x / h_z, -h_y / h_z) are its slopes.
+    With s and v the unit vectors to the sun and to the sensor, the normal of the facet is h = (s + v) / |s + v|, and
+    its slopes are (-h_x / h_z, -h_y / h_z).
 
     Parameters
     ----------
@@ -77,23 +77,23 @@ def facet(
 def probability(
     density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, solid_angle: npt.ArrayLike
 ) -> Array:
-    """Share of the pixel, as seen by the sensor, that reflects a source of a given solid angle.
+    """Share of the pixel, as seen by the sensor, that reflects a light source of a given solid angle.
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
 
     Parameters
     ----------
     density : array_like
-        Density of slopes p at the facet that glints [1].
+        Probability density p of slopes, at the slopes of the facet that glints [1].
     view_zenith, tilt : array_like
-        Of the sensor and of the facet [degree].
+        Zenith angle of the sensor, 0 to 89, and tilt of the facet [degree].
     solid_angle : array_like
-        Of the source [sr]: `sun.solid_angle`, or `cone` for a tolerance.
+        Solid angle Omega of the source [sr]: `sun.solid_angle` for the solar disk, `cone` for a tolerance around it.
 
     Returns
     -------
     ndarray
-        Share [1]; may exceed 1 for a source that is not small.
+        Share [1]; it may exceed 1 for a large source.
 
     Examples
     --------
@@ -112,14 +112,14 @@ def radiance(
 
         L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
 
-    Times pi / cos(sun zenith) it is the glint reflectance.
+    The glint reflectance is this value times pi / cos(sun zenith).
 
     Parameters
     ----------
     density, view_zenith, tilt : array_like
         See `probability`.
     incidence : array_like
-        Angle between facet and sun [degree].
+        Angle between the normal of the facet and the sun [degree].
 
     Examples
     --------
@@ -130,12 +130,7 @@ def radiance(
 
 
 def cone(half_angle: npt.ArrayLike) -> Array:
-    """Solid angle of a cone, 2 pi (1 - cos a) [sr].
-
-    Parameters
-    ----------
-    half_angle : array_like
-        Tolerance around the sun's centre [degree], 0 to 90.
+    """Solid angle [sr] of a cone, 2 pi (1 - cos a), with the angle a from its axis to its edge [degree], 0 to 90.
 
     Examples
     --------
@@ -156,14 +151,14 @@ def sun_glint(
     wind_from: npt.ArrayLike,
     model: str = "cox-munk",
 ) -> Glint:
-    """Sun glint from angles and wind, for the mean solar disk; for another source call `probability`.
+    """Sun glint from angles and wind, with the solar disk at mean distance (`probability` takes any solid angle).
 
     Parameters
     ----------
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
-        Of the sun and of the sensor, from the target [degree]; see `facet`.
+        Zenith angles and azimuths of the sun and of the sensor, from the target [degree]; see `facet`.
     wind : array_like
-        Speed at the reference height of the model [m/s]; see `slopes.wind_at_height`.
+        Wind speed at the reference height of the model [m/s]; see `slopes.wind_at_height`.
     wind_from : array_like
         Azimuth that the wind blows from [degree].
     model : str

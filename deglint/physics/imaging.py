@@ -1,8 +1,8 @@
-"""Image formation: from a scene on a grid finer than the pixels to the pixels of the sensor.
+"""Image formation: from a scene on a grid finer than the pixels (the fine grid) to the pixels of the sensor.
 
-The MTF is applied to the spectrum of the fine grid, which contains frequencies far above the Nyquist frequency of the
-pixels; taking every n-th point then aliases as the sensor does. The scene is assumed to be periodic. Only blur is
-modelled here: radiometry and noise are in `deglint.physics.sensor`.
+The spectrum of the fine grid has frequencies far above the Nyquist frequency of the pixels. It is multiplied by the
+modulation transfer function (MTF); then every n-th point is taken, which aliases as the sensor does. The scene is
+assumed to be periodic. Only blur is modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 def transform(scene: Floats, *, workers: int = 1) -> Complex:
-    """Half spectrum of a scene on the fine grid, for `observe`: (row, column // 2 + 1) complex."""
+    """Half spectrum of a scene (row, column) on the fine grid, for `observe`: (row, column // 2 + 1) complex."""
     from scipy import fft
 
     return fft.rfft2(scene, workers=workers)
@@ -34,27 +34,27 @@ def observe(
     shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
 ) -> Floats:
-    """The image that the sensor takes of a scene on a finer grid, without noise.
+    """Compute the image, without noise, that the sensor takes of a scene on the fine grid.
 
-    Raises InputError: the grid does not divide into pixels.
+    Raises InputError: the rows or columns of the fine grid are not a multiple of `factor`.
 
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
-        Of the fine grid, from `transform`; rows and columns are even multiples of `factor`.
+        Spectrum of the fine grid, from `transform`; its rows and columns are even multiples of `factor`.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur, and the wavelength [nm].
     factor : int
-        Fine points per pixel, each way. Frequencies above factor / 2 cycles per pixel are not in the scene.
+        Points of the fine grid per pixel, along each axis: the scene has frequencies up to factor / 2 cycles per pixel.
     shift : (float, float)
-        Misregistration of the band, down and right [pixel].
+        Misregistration of the band: displacement of its pixels on the scene, down and right [pixel].
     workers : int
-        Threads; the result does not depend on their number.
+        Number of threads; the result does not depend on it.
 
     Returns
     -------
     (row, column) ndarray
-        Mean over each pixel, in the units of the scene; the mean of the scene is kept.
+        Blurred mean over each pixel, in the unit of the scene; the mean of the image is the mean of the scene.
 
     Examples
     --------
@@ -85,6 +85,6 @@ def observe(
 
 
 def _along(frequency: Floats, sensor: Sensor, shift: float) -> Complex:
-    """MTF of detector and jitter along one axis, and the phase of a shift of the sampling points by `shift` pixels."""
+    """MTF of detector and jitter along an axis, times the phase of a shift of the sampling points by `shift` pixels."""
     blur = np.sinc(frequency) * np.exp(-2 * np.pi**2 * (sensor.jitter * frequency) ** 2)
     return np.asarray(blur * np.exp(2j * np.pi * frequency * shift))

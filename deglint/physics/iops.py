@@ -1,7 +1,8 @@
 """Inherent optical properties: absorption and backscattering of case-1 sea water as functions of chlorophyll.
 
-Pure sea water, phytoplankton with covarying particles, and yellow substance (CDOM) that covaries with the particles,
-300 to 1000 nm. Valid for the open ocean; for coastal water with sediment and more CDOM, give `Iops` directly.
+The model has pure sea water, phytoplankton with other particles, and yellow substance (CDOM), 300 to 1000 nm; particles
+and CDOM follow from chlorophyll. It holds for the open ocean (case 1). For coastal water, which has sediment and more
+CDOM, make `Iops` directly.
 
 References
 ----------
@@ -24,7 +25,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties of water and its particles, arrays that broadcast together [1/m]."""
+    """Inherent optical properties of water with its particles [1/m]; the arrays broadcast with each other."""
 
     absorption: Array
     water_scattering: Array
@@ -41,10 +42,10 @@ class Iops(NamedTuple):
 def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
-    With the table's A and E (Bricaud et al. 1998) and C the chlorophyll,
+    With A and E from a table (Bricaud et al. 1998), absorption a_w of sea water and a_p of particles, chlorophyll C,
 
         a = a_w + A C^E + 0.2 a_p(440) exp(-0.014 (lambda - 440)),
-        b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 C - 0.3) / 2 below 2 mg m-3 and 0 above,
+        b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0,
         b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766
 
     (Morel and Maritorena 2001, eq. 12 to 14).
@@ -52,9 +53,9 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     Parameters
     ----------
     wavelength : array_like
-        [nm], 300 to 1000; broadcasts with `chlorophyll`.
+        Wavelength [nm], 300 to 1000; broadcasts with `chlorophyll`.
     chlorophyll : array_like
-        [mg m-3], 0.01 to 30.
+        Chlorophyll concentration [mg m-3], 0.01 to 30.
 
     Examples
     --------
@@ -76,7 +77,9 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 
 
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
-    """Absorption of all particles, A C^E [1/m] (Bricaud et al. 1998); nothing beyond 720 nm.
+    """Absorption by all particles, A C^E [1/m] (Bricaud et al. 1998); it is 0 from 720 nm on.
+
+    `wavelength` is in nm, `chlorophyll` (C) in mg m-3, as in `case1`.
 
     Examples
     --------
@@ -89,6 +92,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
 
 
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:
+    """A column of a table, interpolated linearly to wavelengths [nm]."""
     columns = load(table)
     return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
 

@@ -1,8 +1,8 @@
 """Sensor presets of the simulator.
 
 Band edges are published values. Full scales, well capacities, read noise and delays are round, typical numbers where
-they are not published (see the table in the docs). The thesis system is assumed to be an airborne imager with the bands
-of WorldView.
+they are not published (see the table in the docs). The sensor of the thesis (Fink 2014) is assumed to be an airborne
+imager with the bands of WorldView.
 """
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ from dataclasses import replace
 from ._checks import choice
 from .sensor import Sensor, SensorBand
 
-_WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [s] of WorldView-3
+_WORLDVIEW_BANDS = (  # name, lower and upper edge [nm], full scale [W m-2 sr-1 nm-1], time offset of WorldView-3 [s]
     ("COASTAL", 400, 450, 0.207, 0.008),
     ("BLUE", 450, 510, 0.247, 0.300),
     ("GREEN", 510, 580, 0.239, 0.308),
@@ -20,14 +20,14 @@ _WORLDVIEW_BANDS = (  # name, edges [nm], full scale [W m-2 sr-1 nm-1], offset [
     ("NIR1", 770, 895, 0.137, 0.324),
     ("NIR2", 860, 1040, 0.091, 0.0),
 )
-_MICASENSE_BANDS = (  # full scales as exposed for water
+_MICASENSE_BANDS = (  # the same columns; full scales of an exposure for water
     ("BLUE", 465, 485, 0.10, 0.0),
     ("GREEN", 550, 570, 0.10, 0.0),
     ("RED", 663, 673, 0.08, 0.0),
     ("NIR", 820, 860, 0.05, 0.0),
     ("REDEDGE", 712, 722, 0.07, 0.0),
 )
-_SENTINEL_BANDS = (  # those of 10 m
+_SENTINEL_BANDS = (  # the same columns; the bands with 10 m pixels
     ("B02", 458, 523, 0.615, 0.0),
     ("B03", 543, 578, 0.559, 0.527),
     ("B04", 650, 680, 0.484, 1.005),
@@ -75,9 +75,9 @@ PRESETS: dict[str, Sensor] = {
 
 
 def preset(name: str) -> Sensor:
-    """Sensor by name.
+    """Return the sensor with this name in `PRESETS`.
 
-    Raises InputError: no such preset; the message lists them.
+    Raises InputError: there is no such preset; the message lists them.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """The sensor: modulation transfer function, electrons, noise and quantisation.
 
-A `Sensor` describes the optics, the detector and the bands; presets are in `deglint.physics.presets`. Functions take
-plain numbers and arrays. Blur is a modulation transfer function (MTF), the product of diffraction, detector, smear and
-jitter; `deglint.physics.imaging` applies it to a finer grid than the pixels.
+A `Sensor` describes the optics, the detector and the bands; presets are in `deglint.physics.presets`. Blur is described
+by a modulation transfer function (MTF), the product of the MTFs of diffraction, detector, smear and jitter;
+`deglint.physics.imaging` applies it to a scene on a grid finer than the pixels.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class SensorBand:
     """One band of a sensor."""
 
     name: str
-    low: float  # edge [nm]
-    high: float  # edge [nm]
-    full_scale: float  # radiance that fills the well [W m-2 sr-1 nm-1]; the exposure follows from it
-    time_offset: float = 0.0  # after the first band [s]
+    low: float  # lower edge [nm]
+    high: float  # upper edge [nm]
+    full_scale: float  # radiance that fills the well [W m-2 sr-1 nm-1]; the exposure time follows from it
+    time_offset: float = 0.0  # time of the band after the first band [s]
 
     @property
     def wavelength(self) -> float:
@@ -44,20 +44,24 @@ class SensorBand:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Checked):
-    """Optics, detector and bands."""
+    """Optics, detector and bands of a sensor.
+
+    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over aperture,
+    `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a digital number, 1 to 16.
+    """
 
     name: str
-    bands: tuple[SensorBand, ...]  # in file order
+    bands: tuple[SensorBand, ...]  # in the order of the file
     gsd: float = ranged(MISSING, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
     f_number: float = ranged(MISSING, 0.7, 200.0, "", "It is focal length over aperture.")
     pitch: float = ranged(MISSING, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
     smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
-    jitter: float = 0.0  # standard deviation of the line of sight, per axis [pixel]
+    jitter: float = 0.0  # standard deviation of the line of sight along each axis [pixel]
     quantum_efficiency: float = 0.8  # electrons per photon
-    transmission: float = 0.8  # share of light that the optics pass
+    transmission: float = 0.8  # share of the light that the optics transmit [1]
     well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
-    read_noise: float = 12.0  # standard deviation [electrons]
-    dark_current: float = 0.0  # [electrons/s]
+    read_noise: float = 12.0  # standard deviation of the read noise [electrons]
+    dark_current: float = 0.0  # dark current of a pixel [electrons/s]
     bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.")
 
     def __post_init__(self) -> None:
@@ -67,18 +71,18 @@ class Sensor(Checked):
 
     @property
     def levels(self) -> int:
-        """Largest digital number."""
+        """Largest digital number, ``2**bits - 1``."""
         return (1 << self.bits) - 1
 
     def band(self, name: str) -> SensorBand:
-        """Band by name (case does not matter); BandError, which lists them, if there is none."""
+        """Return the band with this name (case is ignored). Raises BandError, which lists the bands: there is none."""
         for b in self.bands:
             if b.name.casefold() == name.strip().casefold():
                 return b
         raise BandError(f"no band {name!r} in {self.name}; it has {', '.join(b.name for b in self.bands)}")
 
     def exposure(self, band: SensorBand) -> float:
-        """Exposure that fills the well at the band's full scale [s]."""
+        """Exposure time [s] in which the full-scale radiance of the band fills the well."""
         return self.well / float(electrons(band.full_scale, self, band, exposure=1.0))
 
     def scale(self, band: SensorBand) -> float:
@@ -86,7 +90,7 @@ class Sensor(Checked):
         return band.full_scale / self.levels
 
     def delayed(self, delay: float) -> Sensor:
-        """The same sensor with this band delay from each band to the next [s]."""
+        """The same sensor, where each band is taken `delay` [s] after the band before it."""
         bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
         return replace(self, bands=bands)
 
@@ -97,14 +101,14 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
     Parameters
     ----------
     bands : sequence of SensorBand
-        Bands are cut to 300 to 1000 nm, the range of the tables of light and water.
+        Each band is cut to 300 to 1000 nm, the range of the tables of light and water.
 
     Returns
     -------
     wavelength : (n,) ndarray
-        Those of the first band, then those of the second, and so on [nm].
+        Wavelengths [nm] of the first band, then of the second, and so on.
     mean : callable
-        Takes values (n, ...) at these wavelengths and gives their means (band, ...).
+        Takes values (n, ...) at these wavelengths and returns their mean over each band, (band, ...).
 
     Examples
     --------
@@ -123,19 +127,9 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
 
 
 def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
-    """Diffraction MTF of a perfect circular aperture.
+    """Diffraction MTF [1] of a perfect circular aperture, ``2/pi (arccos x - x sqrt(1 - x**2))``, 0 for x above 1.
 
-    ``2/pi (arccos x - x sqrt(1 - x**2))``, zero beyond the cutoff.
-
-    Parameters
-    ----------
-    frequency : array_like
-        In units of the cutoff, 1 / (wavelength f#).
-
-    Returns
-    -------
-    ndarray
-        MTF, 1 at zero frequency.
+    `frequency` x is the spatial frequency relative to the cutoff frequency of diffraction, 1 / (wavelength f#).
 
     Examples
     --------
@@ -147,7 +141,7 @@ def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
 
 
 def cutoff(sensor: Sensor, wavelength: float) -> float:
-    """Cutoff frequency of diffraction [cycles/pixel] at a wavelength [nm]."""
+    """Frequency [cycles/pixel] from which the MTF of diffraction is 0, at a wavelength [nm]."""
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
@@ -160,14 +154,14 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     Parameters
     ----------
     row_frequency, column_frequency : array_like
-        Along the columns (in-track) and along the rows [cycles/pixel]; they broadcast.
+        Frequencies v_r along a column (in-track) and v_c along a row [cycles/pixel]; they broadcast.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur, and the wavelength [nm].
 
     Returns
     -------
     ndarray
-        MTF, 1 at zero frequency; may be negative above the sampling frequency.
+        MTF [1], 1 at zero frequency; it may be negative above the sampling frequency.
 
     References
     ----------
@@ -181,21 +175,23 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 
 
 def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
-    """PSF: share of the light of a point source in each pixel, the source at the centre of the central pixel.
+    """Point spread function (PSF): share of the light of a point source in each pixel.
+
+    The point source is at the centre of the central pixel.
 
     Parameters
     ----------
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur, and the wavelength [nm].
     size : int
-        Rows and columns, odd.
+        Rows and columns, odd; an even number is increased by 1.
     oversample : int
-        Highest frequency of the MTF that is used, in half cycles per pixel.
+        The MTF is used up to the frequency oversample / 2 [cycles/pixel].
 
     Returns
     -------
     (size, size) ndarray
-        Sums to 1: light beyond the edges wraps around to the opposite side.
+        The sum is 1: light beyond an edge is added at the opposite edge.
 
     Examples
     --------
@@ -207,7 +203,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     within("oversample", oversample, 2, 64, "", "8 is enough for f/2.8.")
     size |= 1
     count = size * oversample
-    frequency = np.arange(count // 2 + 1) / size  # an MTF is the same from either side: a quarter of it tells all
+    frequency = np.arange(count // 2 + 1) / size  # an MTF is symmetric: a quarter of it is enough
     away = np.arange(size // 2 + 1)
     waves = np.cos(2 * np.pi / size * (away[:, None] * np.arange(len(frequency)) % size))
     weight = np.where((frequency > 0) & (2 * np.arange(len(frequency)) < count), 2.0, 1.0) / size
@@ -217,22 +213,24 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
-    """Electrons in a pixel for a radiance.
+    """Number of electrons in a pixel for a radiance.
 
-    ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, A the area of the detector (thesis, eq. 2.23).
+    ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, with the area A of the detector and the exposure time t
+    (Fink 2014, eq. 2.23).
 
     Parameters
     ----------
     radiance : array_like
-        In the middle of the band [W m-2 sr-1 nm-1].
+        Radiance L at the central wavelength of the band [W m-2 sr-1 nm-1].
     sensor, band : Sensor, SensorBand
+        The sensor, and one of its bands.
     exposure : float, optional
-        [s]; by default the one that fills the well at the band's full scale.
+        Exposure time [s]; by default `Sensor.exposure` of the band.
 
     Returns
     -------
     ndarray
-        Electrons, not limited by the well capacity.
+        Number of electrons, not limited by the well.
     """
     exposure = sensor.exposure(band) if exposure is None else exposure
     photon_energy = PLANCK * LIGHT_SPEED / (band.wavelength * 1e-9)
@@ -242,15 +240,10 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
 
 
 def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
-    """Standard deviation of a pixel [electrons]: shot, dark, read and quantisation noise.
+    """Standard deviation s of a pixel [electrons]: shot, dark, read and quantisation noise.
 
-    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``
-
-    Parameters
-    ----------
-    signal, exposure : array_like, float
-        [electrons], [s]
-    sensor : Sensor
+    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the signal N and the dark signal N_dark of an
+    exposure time [s], both in electrons.
     """
     fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
@@ -259,7 +252,10 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
 def noise_equivalent_radiance(
     radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
 ) -> Floats:
-    """Difference of radiance that equals the noise at this radiance [W m-2 sr-1 nm-1], ``L s / N``."""
+    """Noise as a radiance [W m-2 sr-1 nm-1], ``L s / N``, at the radiance L [W m-2 sr-1 nm-1]; see `noise`.
+
+    `exposure` is the exposure time [s]; by default it is `Sensor.exposure` of the band.
+    """
     exposure = sensor.exposure(band) if exposure is None else exposure
     per_radiance = electrons(1.0, sensor, band, exposure=exposure)
     return np.asarray(noise(per_radiance * np.asarray(radiance), sensor, exposure=exposure) / per_radiance)
@@ -268,20 +264,21 @@ def noise_equivalent_radiance(
 def digitise(
     radiance: Floats, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
 ) -> npt.NDArray[np.uint16]:
-    """Digital numbers of a band, dark level subtracted.
+    """Convert a radiance to digital numbers of a band; the dark signal is subtracted.
 
     Parameters
     ----------
     radiance : ndarray
-        After the optics [W m-2 sr-1 nm-1].
+        Radiance after the blur by optics and detector [W m-2 sr-1 nm-1].
     sensor, band : Sensor, SensorBand
+        The sensor, and one of its bands.
     generator : numpy Generator, optional
-        Random generator of the noise; None for no noise.
+        Random generator of the noise; without it there is no noise.
 
     Returns
     -------
     ndarray of uint16
-        Same shape; 0 to ``2**bits - 1``, saturated at both ends. Times `Sensor.scale` it is radiance.
+        Same shape; clipped to 0 to ``2**bits - 1``. `Sensor.scale` converts it to radiance.
     """
     count = np.maximum(electrons(radiance, sensor, band), 0.0)
     if generator is not None:

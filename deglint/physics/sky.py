@@ -1,8 +1,8 @@
 """Sky radiance as a function of direction, and its reflection by the wind-roughened sea.
 
-Three skies: uniform, cardioidal (brightest at the zenith, as under a heavy overcast), and the clear sky of Harrison and
-Coombes (brightest around the sun and near the horizon). Each is normalised so that a horizontal plane receives exactly
-the given diffuse irradiance. The solar disk is not part of the sky.
+There are three models: a uniform sky, a cardioidal sky (brightest at the zenith, as under a heavy overcast), and the
+clear sky of Harrison and Coombes (brightest around the sun and near the horizon). Each sky is normalised so that a
+horizontal plane receives exactly the given diffuse irradiance. The solar disk is not part of the sky.
 
 References
 ----------
@@ -22,7 +22,7 @@ from . import fresnel, slopes
 from ._checks import Array, choice, sun_angle, view_angle, within
 
 SKY_MODELS = ("uniform", "cardioidal", "harrison-coombes")  # names of the sky models
-NODES = 20  # facets along each axis in `reflectance`; its computing time grows with the square
+NODES = 20  # nodes of the integral of `reflectance` along each axis of slope; the computing time grows with the square
 
 
 def radiance(
@@ -35,8 +35,9 @@ def radiance(
 ) -> Array:
     """Radiance of the sky in a direction, per unit of diffuse irradiance of a horizontal plane [1/sr].
 
-    Uniform: 1 / pi. Cardioidal: (1 + 2 cos(zenith)) / (pi (1 + 4 / 3)). Harrison and Coombes (1988), with psi the
-    angle from the sun in radians and theta the zenith angle, in proportion to
+    Uniform: 1 / pi. Cardioidal: (1 + 2 cos(theta)) / (pi (1 + 4 / 3)), with the zenith angle theta of the direction.
+    Harrison and Coombes (1988), with the angle psi from the sun [radian] and the sun zenith angle theta_s: proportional
+    to
 
         (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
 
@@ -45,7 +46,7 @@ def radiance(
     zenith, azimuth : array_like
         Direction, zenith angle 0 to 90 and azimuth [degree].
     sun_zenith, sun_azimuth : array_like
-        Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; used only by Harrison and Coombes.
+        Direction of the sun, zenith angle 0 to 90 and azimuth [degree]; only Harrison and Coombes use it.
     model : str
         One of `SKY_MODELS`.
 
@@ -64,9 +65,9 @@ def radiance(
 
 
 def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
-    """As `radiance`, from the cosines of the zenith angle and of the angle from the sun, without checks.
+    """Radiance of the sky as in `radiance`, for many facets: without checks, and with the precision of `cosine`.
 
-    For many facets: the result has the precision of `cosine`.
+    `cosine` is the cosine of the zenith angle of the direction, `towards` the cosine of its angle from the sun.
     """
     if model == "uniform":
         return 1.0 / np.pi + 0.0 * cosine
@@ -90,20 +91,20 @@ def reflectance(
 ) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
-    The sum over facets of w r(incidence) L_sky, where a facet's weight is its share of the sea as the sensor
-    sees it, w = p cos(incidence) / (cos(tilt) cos(view zenith)) over one plus Smith's Lambda (see
-    `slopes.hidden`), by Gauss-Legendre quadrature over the slopes. Times pi it is the effective reflectance
-    under a uniform sky. Facets that face away from the sensor, or mirror the sea instead of the sky, add
-    nothing.
+    It is the integral of w r(incidence) L_sky over the slopes of the facets, by Gauss-Legendre quadrature. The weight
+    w of a facet is its share of the sea as the sensor sees it, p cos(incidence) / (cos(tilt) cos(view zenith)) /
+    (1 + Lambda), with the density p of slopes and Smith's Lambda (`slopes.hidden`). Facets that face away from the
+    sensor, or reflect the sea instead of the sky, add nothing. For a uniform sky the effective reflectance of the sea
+    is pi times this value.
 
     Parameters
     ----------
     view_zenith, view_azimuth : array_like
-        Of the sensor from the target, zenith angle 0 to 89 [degree].
+        Zenith angle, 0 to 89, and azimuth of the sensor from the target [degree].
     sun_zenith, sun_azimuth, model
-        The sky; see `radiance`.
+        Direction of the sun and model of the sky; see `radiance`.
     wind, wind_from : array_like
-        Speed at 12.5 m [m/s], and the azimuth that it blows from [degree]; slopes are those of Cox and Munk.
+        Wind speed at 12.5 m [m/s], and azimuth that the wind blows from [degree], for the slopes of Cox and Munk.
 
     Examples
     --------
@@ -127,10 +128,10 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Slopes along and across the view, and areas, of the facets that reflect the sky into the sensor.
+    """Nodes and weights of the integral over slopes, for each slope across the view: (along, across, weight).
 
-    For each slope across the view, the slope along it is limited to reflected rays above the horizon, so that the
-    integrand is smooth.
+    Slopes along the view are limited to facets that reflect a ray from above the horizon: there the integrand is
+    smooth. `zenith` is that of the sensor [degree]; variances are of the slopes along and across the view.
     """
     x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -144,10 +145,10 @@ def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Ite
 
 
 def _mirror(zenith: Array, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
-    """Direction into which a facet with slopes along and across the view reflects the sensor's line of sight.
+    """Reflect the line of sight of the sensor at facets with slopes along and across the view.
 
-    Returns cos(incidence) / cos(tilt), the incidence, the zenith angle of the mirrored ray, and its azimuth from that
-    of the sensor [degree].
+    Returns cos(incidence) / cos(tilt) [1], the angle of incidence, the zenith angle of the reflected ray, and its
+    azimuth minus the azimuth of the sensor [degree].
     """
     slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))
     length = 1.0 + along**2 + across**2
@@ -167,20 +168,26 @@ def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
 
 
 def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
-    """Harrison and Coombes without their last factor, which cancels in the normalisation."""
+    """Sky radiance of Harrison and Coombes, not normalised; their last factor is left out, as normalisation cancels it.
+
+    Arguments are cosines of the zenith angle, of the angle from the sun, and of the sun zenith angle.
+    """
     towards = np.clip(towards, -1.0, 1.0)
     glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
     return glow * (1.0 - np.exp(-0.19 / np.maximum(cosine, 1e-9)))
 
 
 def _clear_total(sun_zenith: Array) -> Array:
-    """Integral of `_glow` times the cosine over the sky, from a polynomial in the sun's zenith angle."""
+    """Integral of `_glow` times the cosine over the sky, by a polynomial of the sun zenith angle [degree]."""
     return np.asarray(chebyshev.chebval(sun_zenith / 45.0 - 1.0, _clear_fit()), dtype=np.float64)
 
 
 @cache
 def _clear_fit() -> Array:
-    """Coefficients of that polynomial: Gauss-Legendre in the cosine, trapezoidal rule in azimuth."""
+    """Coefficients of the polynomial of `_clear_total`.
+
+    The integrals are by Gauss-Legendre quadrature over the cosine and the trapezoidal rule over the azimuth.
+    """
     x = chebyshev.chebpts1(15)
     nodes, weights = np.polynomial.legendre.leggauss(64)
     cosine, weights = 0.5 * (nodes + 1.0), 0.5 * weights

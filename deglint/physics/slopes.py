@@ -1,11 +1,12 @@
 """Probability distributions of the slopes of the wind-roughened sea surface.
 
-Probability density of facet slopes, per unit upwind and crosswind slope, as a function of wind: Cox and Munk with their
-Gram-Charlier series, the same as an anisotropic or isotropic Gaussian, and Breon and Henriot. A truncated Gram-Charlier
-series is negative at large slopes in strong wind; by default it is set to zero there and normalised again.
+The module gives the probability density of facet slopes, per unit of upwind and crosswind slope, as a function of wind.
+The models are Cox and Munk with a Gram-Charlier series, as an anisotropic or as an isotropic Gaussian, and Breon and
+Henriot. A truncated Gram-Charlier series is negative at large slopes in strong wind; by default it is set to zero there
+and normalised again.
 
-Axes: upwind slopes rise towards where the wind comes from; the crosswind axis lies 90 degrees clockwise of
-it. The windward side of a wave is the gentle one, so the most frequent upwind slope is slightly negative.
+Axes: a positive upwind slope rises towards where the wind comes from; the crosswind axis points 90 degrees clockwise of
+upwind. The windward side of a wave is less steep, so the most frequent upwind slope is slightly negative.
 
 References
 ----------
@@ -26,8 +27,8 @@ import numpy.typing as npt
 from ._checks import Array, choice, within
 
 WIND_RANGE = (0.1, 20.0)  # range of wind speeds of the models [m/s]; Cox and Munk measured at 1 to 14
-_DRAG = 1.3e-3  # drag coefficient at 10 m, for the logarithmic profile of the wind
-_KARMAN = 0.4
+_DRAG = 1.3e-3  # drag coefficient at 10 m [1], for the logarithmic profile of the wind
+_KARMAN = 0.4  # von Karman constant [1]
 _ERFC = np.vectorize(math.erfc, otypes=[float])  # scipy.special takes long to import
 
 
@@ -36,10 +37,10 @@ class SlopeModel:
     """A model of slopes: variances and Gram-Charlier coefficients as functions of wind."""
 
     height: float  # reference height of the wind above the sea [m]
-    upwind: tuple[float, float]  # variance of slope: constant [1], and increase with wind [s/m]
-    crosswind: tuple[float, float]
-    skewness: Callable[[Array], tuple[Array, Array]] | None = None  # (c21, c03) of a wind [m/s]; None for a Gaussian
-    peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)  # c40 (crosswind), c22, c04 (upwind)
+    upwind: tuple[float, float]  # variance of upwind slope: constant [1], and increase with wind [s/m]
+    crosswind: tuple[float, float]  # the same of crosswind slope
+    skewness: Callable[[Array], tuple[Array, Array]] | None = None  # (c21, c03) for a wind [m/s]; None: Gaussian
+    peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)  # coefficients c40 (crosswind), c22, c04 (upwind)
 
 
 def _skewness_cox_munk(wind: Array) -> tuple[Array, Array]:
@@ -75,16 +76,17 @@ def density(
     upwind, crosswind : array_like
         Slope along the two axes of the wind [1].
     wind : array_like
-        Speed at the reference height of the model [m/s], 0.1 to 20; see `wind_at_height`.
+        Wind speed at the reference height of the model [m/s], 0.1 to 20; see `wind_at_height`.
     model : str
         One of `MODELS`.
     clip : bool
-        Set the series to zero where it is negative, and normalise it again; else the plain series.
+        If True, the series is set to zero where it is negative, and normalised again. If False, the density may be
+        negative.
 
     Returns
     -------
     ndarray
-        Density per unit slope along both axes [1]; its integral is 1.
+        Density per unit of slope along both axes [1]; its integral is 1.
 
     Examples
     --------
@@ -108,19 +110,19 @@ def density(
 def gaussian(
     upwind: npt.ArrayLike, crosswind: npt.ArrayLike, variance_upwind: npt.ArrayLike, variance_crosswind: npt.ArrayLike
 ) -> Array:
-    """Gaussian density of slopes with given variances, as for the waves that a pixel does not resolve.
+    """Gaussian probability density of slopes with given variances.
 
     Parameters
     ----------
     upwind, crosswind : array_like
-        Slope along the two axes minus its mean [1].
+        Difference of the slope from its mean, along the two axes of the wind [1].
     variance_upwind, variance_crosswind : array_like
-        Variances of slope [1], above 0.
+        Variances of slope along the two axes [1], above 0.
 
     Returns
     -------
     ndarray
-        Density per unit slope along both axes [1].
+        Density per unit of slope along both axes [1].
 
     Examples
     --------
@@ -135,19 +137,9 @@ def gaussian(
 
 
 def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, Array]:
-    """Variances of the slopes of the sea surface for a wind.
+    """Variances of the upwind and of the crosswind slope of the sea surface [1] for a wind.
 
-    Parameters
-    ----------
-    wind : array_like
-        Speed at the reference height of the model [m/s], 0.1 to 20.
-    model : str
-        One of `MODELS`.
-
-    Returns
-    -------
-    upwind, crosswind : ndarray
-        Variances [1].
+    `wind` is the wind speed at the reference height of the model [m/s], 0.1 to 20; `model` is one of `MODELS`.
 
     Examples
     --------
@@ -161,19 +153,9 @@ def variances(wind: npt.ArrayLike, *, model: str = "cox-munk") -> tuple[Array, A
 
 
 def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
-    """Rotate east and north components of slope to upwind and crosswind axes.
+    """Convert slopes towards east and north to slopes (upwind, crosswind) along the axes of the wind [1].
 
-    Parameters
-    ----------
-    east, north : array_like
-        Slope towards east and north [1].
-    wind_from : array_like
-        Azimuth that the wind blows from, clockwise from north [degree].
-
-    Returns
-    -------
-    upwind, crosswind : ndarray
-        Slope along the axes of the wind [1].
+    `wind_from` is the azimuth that the wind blows from, clockwise from north [degree].
 
     Examples
     --------
@@ -187,24 +169,24 @@ def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.Array
 
 
 def from_wind_axes(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
-    """Rotate upwind and crosswind slopes to (east, north); the inverse of `to_wind_axes`."""
-    return to_wind_axes(upwind, crosswind, wind_from)  # the turn is a reflection: its own inverse
+    """Convert upwind and crosswind slopes to slopes (east, north); the inverse of `to_wind_axes`."""
+    return to_wind_axes(upwind, crosswind, wind_from)  # the conversion is a reflection, which is its own inverse
 
 
 def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
-    """Smith's shadowing function Lambda: hidden waves per visible wave, seen from a direction.
+    """Smith's shadowing function Lambda [1]: hidden area of the sea over visible area, as seen from a direction.
 
         Lambda = [exp(-v^2) - v sqrt(pi) erfc(v)] / (2 v sqrt(pi)),  v = cot(zenith) / sqrt(2 variance)
 
-    The visible share of the sea is 1 / (1 + Lambda); the share that is visible and sunlit is 1 / (1 + Lambda_v +
-    Lambda_s).
+    The visible share of the sea is 1 / (1 + Lambda). The share that is both visible and sunlit is 1 / (1 + Lambda_v +
+    Lambda_s), with Lambda of the sensor and of the sun.
 
     Parameters
     ----------
     zenith : array_like
         Zenith angle of the direction [degree], 0 to 89.9.
     variance : array_like
-        Variance of the slopes along its azimuth [1], above 0.
+        Variance of the slopes along the azimuth of the direction [1], above 0.
 
     Examples
     --------
@@ -219,14 +201,14 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
-    """Wind at another height, by the logarithmic profile for neutral stability.
+    """Convert a wind speed to another height, by the logarithmic profile for neutral stability.
 
-        U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  drag coefficient C = 1.3e-3.
+        U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  with the drag coefficient C = 1.3e-3 and the height z [m].
 
     Parameters
     ----------
     wind : array_like
-        Speed at `measured_at` [m/s], not below 0.
+        Speed at `measured_at` [m/s], 0 to 100.
     measured_at, wanted_at : float
         Heights above the sea [m], 1 to 100.
 
@@ -247,7 +229,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
 
 
 def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:
-    """Bracket of the Gram-Charlier series at standardised slopes."""
+    """Gram-Charlier series (the bracket in `density`) at upwind slopes x and crosswind slopes y, over their sigma."""
     x2, y2 = x * x, y * y
     skew = c21 * (y2 - 1.0) * x / 2.0 + c03 * (x2 - 3.0) * x / 6.0
     peak = c40 * (y2 * y2 - 6.0 * y2 + 3.0) / 24.0 + c22 * (x2 - 1.0) * (y2 - 1.0) / 4.0
@@ -256,8 +238,9 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Integral of the negative part of the Gram-Charlier series at some winds; linear interpolation is accurate to
-    5e-6.
+    """Winds [m/s], and the absolute integral of the negative part of the Gram-Charlier density at each, (n,) both.
+
+    Linear interpolation between the winds is accurate to 5e-6.
     """
     chosen = MODELS[model]
     assert chosen.skewness is not None

@@ -1,6 +1,6 @@
-"""Formulas of wave spectra and of directional spreading about the wind.
+"""Formulas of wave spectra and of directional spreading about the wind direction.
 
-Plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves` combines them.
+They are plain functions of frequency [Hz] or wavenumber [rad/m]; `deglint.physics.waves` combines them.
 """
 
 from typing import Literal
@@ -11,10 +11,10 @@ from ._checks import Floats
 
 GRAVITY = 9.81  # acceleration of gravity [m s-2]
 SURFACE_TENSION = 0.074 / 1025.0  # surface tension over density of sea water [m3 s-2]
-WIND_19_5 = 1.026  # wind at 19.5 m over wind at 10 m
-_AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea
-_ECKV_KM = 370.0  # wavenumber of its slowest wave [rad/m]
-_ECKV_CM = 0.23  # and its speed [m/s]
+WIND_19_5 = 1.026  # wind at 19.5 m over wind at 10 m [1]
+_AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea [1]
+_ECKV_KM = 370.0  # wavenumber of the slowest wave in Elfouhaily's spectrum [rad/m]
+_ECKV_CM = 0.23  # phase speed of this wave [m/s]
 
 
 def dispersion(wavenumber: Floats) -> Floats:
@@ -24,7 +24,7 @@ def dispersion(wavenumber: Floats) -> Floats:
 
 
 def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
-    """Peak frequency of the fully developed sea [Hz], ``0.8772 g / (2 pi U19.5)``."""
+    """Peak frequency [Hz] of the fully developed sea, ``0.8772 g / (2 pi U19.5)``, with the wind at 19.5 m [m/s]."""
     return 0.8772 * GRAVITY / (2 * np.pi * wind_19_5)
 
 
@@ -36,9 +36,9 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
     Parameters
     ----------
     frequency : ndarray
-        [Hz], positive.
+        Frequency [Hz], positive.
     wind_19_5 : float
-        Wind speed at 19.5 m [m/s]; about 1.026 times that at 10 m.
+        Wind speed at 19.5 m [m/s], about 1.026 times the wind speed at 10 m.
 
     Returns
     -------
@@ -58,18 +58,19 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
 
 
 def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
+    """The spectrum of `pierson_moskowitz` [m2/Hz] with any constant `alpha` and any peak frequency [Hz]."""
     f = np.asarray(frequency, dtype=np.float64)
-    with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is the zero that is meant
+    with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is 0, as it should be
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
 
 
 def jonswap_peak(*, wind: float, fetch: float) -> float:
-    """Peak frequency of JONSWAP [Hz], ``3.5 (g**2 / (U10 F))**(1/3)``."""
+    """Peak frequency [Hz] of JONSWAP, ``3.5 (g**2 / (U10 F))**(1/3)``: U10 the wind at 10 m [m/s], F the fetch [m]."""
     return 3.5 * (GRAVITY**2 / (wind * fetch)) ** (1 / 3)
 
 
 def developed_fetch(wind: float) -> float:
-    """Fetch [m] at which the peak of JONSWAP is that of the fully developed sea (Pierson and Moskowitz)."""
+    """Fetch [m] at which JONSWAP and Pierson-Moskowitz have the same peak frequency, for a wind at 10 m [m/s]."""
     return GRAVITY**2 / wind * (3.5 / pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)) ** 3
 
 
@@ -83,11 +84,11 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
     Parameters
     ----------
     frequency : ndarray
-        [Hz], positive.
+        Frequency [Hz], positive.
     wind : float
         Wind speed at 10 m [m/s].
     fetch : float
-        [m], at most `developed_fetch`.
+        Fetch [m], at most `developed_fetch`.
 
     Returns
     -------
@@ -113,32 +114,32 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
 
 
 def elfouhaily_peak(wind: float) -> float:
-    """Wavenumber of the peak of Elfouhaily's spectrum [rad/m]."""
+    """Wavenumber [rad/m] of the peak of Elfouhaily's spectrum, for a wind at 10 m [m/s]."""
     return GRAVITY * (_AGE / wind) ** 2
 
 
 def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
     """Elfouhaily's unified spectrum of long and short waves of a fully developed sea.
 
-    ``S(k) = (B_l + B_h) / k**3`` with the long-wave curvature spectrum B_l (a JONSWAP shape) and the
-    short-wave one B_h that peaks at 370 rad/m.
+    ``S(k) = (B_l + B_h) / k**3`` with the curvature spectra B_l of the long waves, which has the shape of JONSWAP, and
+    B_h of the short waves, which peaks at 370 rad/m.
 
     Parameters
     ----------
     wavenumber : ndarray
-        [rad/m], positive.
+        Wavenumber k [rad/m], positive.
     wind : float
         Wind speed at 10 m [m/s].
 
     Returns
     -------
     ndarray
-        Omnidirectional spectral density of height [m3]; its integral over k is the variance.
+        Omnidirectional spectral density of height [m3]; its integral over k is the variance of height.
 
     Notes
     -----
-    Drag coefficient 1.44e-3. The slope variance exceeds that of Cox and Munk by 18 % at 5 m/s and 3 % at
-    14 m/s. Below about 2.2 m/s the fit of the short waves turns negative, and is taken as zero.
+    The drag coefficient is 1.44e-3. The slope variance exceeds Cox and Munk's by 18 % at 5 m/s and by 3 % at 14 m/s.
+    Below about 2.2 m/s the fitted amount of short waves is negative; it is set to zero.
 
     References
     ----------
@@ -166,15 +167,20 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
 
 
 def _eckv_speed(k: Floats) -> Floats:
+    """Phase speed [m/s] of waves with the wavenumber k [rad/m], with Elfouhaily's constants."""
     return np.sqrt(GRAVITY / k * (1 + (k / _ECKV_KM) ** 2))
 
 
 def _friction_velocity(wind: float) -> float:
+    """Friction velocity [m/s] for a wind at 10 m [m/s]."""
     return float(np.sqrt(1.44e-3) * wind)
 
 
 def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
-    """Directional anisotropy D(k) of Elfouhaily, in ``(1 + D cos 2a) / (2 pi)``, 0 to 1."""
+    """Elfouhaily's anisotropy D(k), 0 to 1, of the spreading ``(1 + D cos 2a) / (2 pi)`` at the angle a from the wind.
+
+    `wavenumber` is in rad/m, `wind` is at 10 m [m/s].
+    """
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / _AGE
     short = 0.13 * _friction_velocity(wind) / _ECKV_CM
@@ -184,8 +190,9 @@ def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
 def spreading_norm(exponent: float, convention: Literal["half-angle", "full-angle"]) -> float:
     """Value of the normalised cos-2s spreading function at angle zero [1/rad]; s is the exponent.
 
-    Half-angle: ``2**(2s-1)/pi G(s+1)**2/G(2s+1) cos(a/2)**(2s)`` on the full circle. Full-angle:
-    ``G(s+1)/(sqrt(pi) G(s+1/2)) cos(a)**(2s)`` within 90 degrees of the wind.
+    With the angle a from the wind and the gamma function G, the spreading function is, for "half-angle",
+    ``2**(2s-1)/pi G(s+1)**2/G(2s+1) cos(a/2)**(2s)`` on the full circle, and for "full-angle"
+    ``G(s+1)/(sqrt(pi) G(s+1/2)) cos(a)**(2s)`` within 90 degrees of the wind direction.
 
     References
     ----------

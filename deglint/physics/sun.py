@@ -1,7 +1,7 @@
 """Position, distance and solid angle of the sun.
 
 Positions are computed by the solar position algorithm of pvlib, which is imported at first use. Zenith angle and
-azimuth are as seen from the place; by default the zenith angle includes refraction.
+azimuth are as seen from a place on the ground; by default the zenith angle includes refraction.
 
 References
 ----------
@@ -22,7 +22,7 @@ from ..errors import InputError
 from ._checks import Array, coordinates, day_number, within
 
 MEAN_SOLID_ANGLE = 6.794e-5  # solid angle of the solar disk at mean distance [sr]; its radius is 0.2665 degrees
-_DELTA_T = 69.2  # terrestrial less universal time [s], 2020 to 2030; 10 s more move the sun by 1e-4 degrees
+_DELTA_T = 69.2  # terrestrial minus universal time [s], 2020 to 2030; an error of 10 s moves the sun by 1e-4 degrees
 
 
 class Position(NamedTuple):
@@ -41,23 +41,23 @@ def position(
     temperature: float = 15.0,
     refraction: bool = True,
 ) -> Position:
-    """Position of the sun, to about 0.001 degrees (Reda and Andreas 2004).
+    """Position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
 
     Parameters
     ----------
     latitude, longitude : array_like
-        Of the place, north and east positive [degree].
+        Latitude and longitude of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64, or a sequence of them
-        Times; UTC unless a zone is given.
+        Times; a str is ISO 8601. A time without a time zone is UTC.
     pressure, temperature : float
-        Of the air, for refraction [hPa], [degree Celsius].
+        Pressure [hPa] and temperature [degree Celsius] of the air, for refraction.
     refraction : bool
-        Return the apparent zenith angle, with refraction; else the geometric one.
+        If True, the zenith angle is apparent, with refraction. If False, it is geometric.
 
     Returns
     -------
     Position
-        Zenith angle above 90 where the sun is below the horizon.
+        The zenith angle is above 90 where the sun is below the horizon.
 
     Examples
     --------
@@ -75,17 +75,10 @@ def position(
 
 
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
-    """Next sunrise (centre of the sun) within a day, to about a minute.
+    """Time [UTC] of the next sunrise, to about a minute; NaT if the sun does not rise within a day.
 
-    Parameters
-    ----------
-    latitude, longitude, time
-        Place, and start of the search; see `position`.
-
-    Returns
-    -------
-    numpy.datetime64
-        UTC; NaT where the sun does not rise within a day.
+    At sunrise the centre of the sun, with refraction, crosses the horizon. The search starts at `time`; arguments are
+    as in `position`.
 
     Examples
     --------
@@ -102,12 +95,9 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
 
 def distance_factor(day: npt.ArrayLike) -> Array:
-    """Irradiance relative to that at mean distance, [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2.
+    """Solar irradiance on a day of the year, relative to the irradiance at mean distance [1].
 
-    Parameters
-    ----------
-    day : array_like
-        Day of the year, 1 on the first of January [1], 1 to 367.
+        [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2
 
     Examples
     --------
@@ -118,7 +108,7 @@ def distance_factor(day: npt.ArrayLike) -> Array:
 
 
 def solid_angle(day: npt.ArrayLike | None = None) -> Array:
-    """Solid angle of the solar disk [sr] on a day of the year, or at mean distance.
+    """Solid angle [sr] of the solar disk on a day of the year; without a day, at mean distance.
 
     Examples
     --------
@@ -129,7 +119,7 @@ def solid_angle(day: npt.ArrayLike | None = None) -> Array:
 
 
 def day_of_year(time: Any) -> Array:
-    """Day of the year with its fraction, 1.0 at the start of the first of January UTC, for times as in `position`.
+    """Day of the year with its fraction, 1.0 at the start of the first of January UTC; `time` is as in `position`.
 
     Examples
     --------
@@ -142,7 +132,7 @@ def day_of_year(time: Any) -> Array:
 
 
 def moment(time: Any) -> np.datetime64:
-    """A time as in `position`, in UTC to the second.
+    """Convert one time, given as for `position`, to UTC; fractions of a second are cut off.
 
     Examples
     --------
@@ -167,7 +157,7 @@ def _spa() -> Any:
 
 
 def _seconds(time: Any) -> Array:
-    """Seconds since 1970 of one time or many."""
+    """Seconds since the start of 1970 UTC, for one time or an array of times."""
     if isinstance(time, (str, datetime)):
         return np.asarray(_moment(time).timestamp())
     array = np.asarray(time)
@@ -179,6 +169,7 @@ def _seconds(time: Any) -> Array:
 
 
 def _moment(time: Any) -> datetime:
+    """One time as a datetime with a time zone, UTC if it has none. Raises InputError: it is not in ISO 8601."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

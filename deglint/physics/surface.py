@@ -1,7 +1,7 @@
-"""Realisations of a random sea surface from a wave spectrum by FFT, which evolve by the dispersion relation.
+"""Random sea surfaces from a wave spectrum, by FFT; they move by the dispersion relation.
 
 `realise` draws one surface; `Surface.height` and `Surface.slopes` evaluate it at any time without new random numbers,
-so that bands with a delay show the same waves at another time. The surface is periodic.
+so that bands with a delay show the same waves at different times. The surface is periodic.
 """
 
 from collections.abc import Callable
@@ -20,22 +20,22 @@ from .waves import Sea, omnidirectional, spread_convention
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 Seed = int | np.random.SeedSequence | np.random.Generator
 
-SLABS = 16  # parts in which random numbers are drawn, each with its own seed; another value changes every scene
+SLABS = 16  # parts in which random numbers are drawn, each with its own seed; if this changes, every scene changes
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One realisation of a random sea surface; the variances are those expected on its grid."""
+    """One random sea surface on a periodic grid."""
 
     sea: Sea
     spacing: float  # grid step [m]
-    amplitudes: Complex = field(repr=False)  # of the waves at time zero, (row, column) complex64 in FFT order [m]
-    height_variance: float  # [m2]
-    slope_variance: tuple[float, float]  # upwind and crosswind
+    amplitudes: Complex = field(repr=False)  # wave amplitudes at time zero [m], (row, column) complex64 in FFT order
+    height_variance: float  # expected variance of height on this grid [m2]
+    slope_variance: tuple[float, float]  # expected variance of upwind and crosswind slope on this grid [1]
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """Rows and columns of the grid."""
         return self.amplitudes.shape[0], self.amplitudes.shape[1]
 
     def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
@@ -43,15 +43,16 @@ class Surface:
         return np.ascontiguousarray(self._field(time, False, workers).real)
 
     def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Slopes towards east and towards north, (row, column) float32 each, at a time [s]."""
+        """Slopes towards east and towards north [1], (row, column) float32 each, at a time [s]."""
         packed = self.packed_slopes(time, workers=workers)
         return np.ascontiguousarray(packed.real), np.ascontiguousarray(packed.imag)
 
     def packed_slopes(self, time: float = 0.0, *, workers: int = 1) -> Complex:
-        """East slope + i north slope, (row, column) complex64, at a time [s]: one transform for both."""
+        """East slope + i * north slope, (row, column) complex64, at a time [s]; it takes one FFT instead of two."""
         return self._field(time, True, workers)
 
     def _field(self, time: float, slopes: bool, workers: int) -> Complex:
+        """East slope + i * north slope if `slopes`, else the height (real part), at a time [s]."""
         from scipy import fft
 
         from ._surface_kernels import evolve
@@ -65,9 +66,9 @@ class Surface:
 
 
 def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
-    """Call work(first row, last row + 1) for slabs of all rows, on threads.
+    """Call work(first row, last row + 1) on `workers` threads, for slabs that together cover all rows.
 
-    The result of `work` must not depend on the slabs, so that it does not depend on the number of workers.
+    The result of `work` must not depend on how the rows are divided: this depends on `workers`.
     """
     if workers < 2:
         work(0, rows)
@@ -78,7 +79,7 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
-    """Standard normal random numbers; they depend on the seed, not on `workers`."""
+    """Draw standard normal random numbers of a shape, on `workers` threads; they do not depend on `workers`."""
     out = np.empty(shape, np.float32)
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
@@ -94,25 +95,28 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
 def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
     """Draw a random surface.
 
-    ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)`` with
-    standard normal r1 and r2, so that the expected variance is exactly the sum of ``Psi dkx dky``.
+    The height is ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)``
+    with standard normal r1 and r2 and the wave spectrum Psi [m4], so that the expected variance is exactly the sum of
+    ``Psi dkx dky``.
 
-    Raises InputError: the grid is smaller than one peak wave, or too coarse for it.
+    Raises InputError: the grid spans less than one peak wave or 8 x 8 points, or its step exceeds a quarter of the
+    peak wave.
 
     Parameters
     ----------
     sea : Sea
+        Wind, wave spectrum and directional spreading.
     shape, spacing : (int, int), float
         Rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
         The same seed gives the same surface to the bit, whatever `workers` is.
     workers : int
-        Threads.
+        Number of threads.
 
     Notes
     -----
-    Waves that are longer than the grid, or not resolved by it, are absent. A side of four peak waves gives the
-    significant height to a few percent; for the slopes one is enough. 25 bytes per point.
+    Waves that are longer than the grid, or not resolved by it, are absent. If the grid spans four peak waves, the
+    significant wave height is right to a few percent; for slopes, one peak wave is enough. Memory: 25 bytes per point.
 
     References
     ----------
@@ -142,6 +146,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
 
 
 def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
+    """Check that a grid can hold the waves; see `realise`. Raises InputError: it cannot."""
     peak = sea.peak_wavelength
     if not spacing > 0 or min(shape) < 8:
         raise InputError(f"grid must have a step above 0 m and at least 8 x 8 points, got {spacing:g} m and {shape}")
@@ -158,7 +163,7 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
 
 
 def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Spectrum and spreading at even steps of log wavenumber, and the parameters of the spreading, for the kernel."""
+    """The arguments `table` and `how` of `fill_amplitudes`, for wavenumbers from `lowest` to `highest` [rad/m]."""
     from ._surface_kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
 
     logs = np.linspace(np.log(lowest) - 1e-6, np.log(highest) + 1e-6, 8193)

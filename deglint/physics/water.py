@@ -1,12 +1,12 @@
 """Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
 Remote-sensing reflectance is water-leaving radiance over irradiance, both just above the surface [1/sr]; reflection at
-the surface is not included. Deep water follows Lee et al. (2011), whose table depends on sun and view angles; outside
-that table Lee et al. (1999), which does not depend on the view angle. The light of an object follows Lee et al. (1999),
-with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
+the surface is not included. For deep water the model is Lee et al. (2011), with a table over sun and view angles;
+outside this table the model is Lee et al. (1999), which does not depend on angles. For an object the model is Lee et
+al. (1999), with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
 
-`relative_azimuth` is the azimuth of the sensor minus that of the sun, both seen from the target: 0 puts the sensor on
-the side of the sun, 180 opposite, where the glint is.
+`relative_azimuth` is the azimuth of the sensor minus the azimuth of the sun, both seen from the target: at 0 the sensor
+is on the side of the sun, at 180 on the opposite side, where the glint is.
 
 References
 ----------
@@ -29,23 +29,26 @@ from .tables import load
 
 LEE_SUN_LIMIT, LEE_VIEW_LIMIT = 75.0, 70.0
 """Largest sun and view zenith angles of the table of Lee et al. (2011) [degree]."""
-_SKY_REFLECTANCE = 0.066  # of a calm sea for diffuse light
-_TURNED_BACK = 0.48  # share of upwelling light that the surface throws back
+_SKY_REFLECTANCE = 0.066  # reflectance of a calm sea for diffuse light from the sky [1]
+_TURNED_BACK = 0.48  # share of upwelling light that the surface reflects back into the water [1]
 
 
 def deep_reflectance(
     water: Iops, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike
 ) -> Array:
-    """Remote-sensing reflectance of deep water [1/sr], by Lee et al. (2011), outside its table by Lee et al. (1999).
+    """Remote-sensing reflectance of deep water [1/sr].
+
+    The model is Lee et al. (2011) for sun zenith angles up to 75 and view zenith angles up to 70 degrees, and Lee et
+    al. (1999) beyond.
 
     Parameters
     ----------
     water : Iops
-        All arguments broadcast with each other.
+        Inherent optical properties [1/m]; they broadcast with the angles.
     sun_zenith, view_zenith : array_like
-        In air [degree], 0 to 90.
+        Zenith angles of the sun and of the sensor in air [degree], 0 to 90.
     relative_azimuth : array_like
-        Azimuth of the sensor minus that of the sun, from the target [degree].
+        Azimuth of the sensor minus azimuth of the sun, both from the target [degree].
 
     Examples
     --------
@@ -62,11 +65,12 @@ def deep_reflectance(
 
 
 def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike) -> Array:
-    """Coefficients Gw0, Gw1, Gp0, Gp1 (4, ...) of Lee et al. (2011) [1/sr]; outside its table, those at its edge.
+    """Coefficients Gw0, Gw1, Gp0, Gp1 (4, ...) [1/sr] of the model of Lee et al. (2011).
 
         Rrs = (Gw0 + Gw1 u) u + (Gp0 + Gp1 v) v,  u = b_bw / k,  v = b_bp / k,  k = a + b_bw + b_bp
 
-    The table is interpolated linearly between its angles; the angles are those of `deep_reflectance`.
+    The table is interpolated linearly between its angles; a larger zenith angle gets the coefficients at the edge of
+    the table. Arguments are as in `deep_reflectance`.
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
@@ -83,16 +87,16 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
 
 
 def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
-    """Terms u, u^2, v, v^2 that the coefficients of `lee_2011` multiply."""
+    """Terms u, u^2, v, v^2 [1] of the equation of `lee_2011`, each to be multiplied by its coefficient."""
     k = water.absorption + water.backscattering
     u, v = water.water_backscattering / k, water.particle_backscattering / k
     return u, u * u, v, v * v
 
 
 def lee_1999(water: Iops) -> Array:
-    """Deep water by Lee et al. (1999), for sun and sensor near the zenith [1/sr].
+    """Remote-sensing reflectance of deep water [1/sr] by Lee et al. (1999), for sun and sensor near the zenith.
 
-    r = (0.084 + 0.170 u) u below the surface, u = b_b / (a + b_b), and 0.52 r / (1 - 1.7 r) above.
+    It is 0.52 r / (1 - 1.7 r), with r = (0.084 + 0.170 u) u just below the surface and u = b_b / (a + b_b).
     """
     u = water.backscattering / (water.absorption + water.backscattering)
     below = (0.084 + 0.170 * u) * u
@@ -109,15 +113,16 @@ def submerged_reflectance(
     reflectance: npt.ArrayLike,
     direct_fraction: npt.ArrayLike = 0.7,
 ) -> Array:
-    """Remote-sensing reflectance over a Lambertian object under water [1/sr].
+    """Remote-sensing reflectance [1/sr] of the sea over a Lambertian object under water.
 
-    With R the object's reflectance, H its depth, angles in water, k = a + b_b and u = b_b / k,
+    With the reflectance R of the object, its depth H, the zenith angles s of the sun and v of the sensor in water,
+    k = a + b_b and u = b_b / k,
 
         Rrs = deep [1 - exp(-(1 / cos s + D_C / cos v) k H)]
               + T_d T_u R / pi exp(-(1 / cos s + D_B / cos v) k H) / (1 - 0.48 R exp(-2 k H)),
 
-    D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), T_d and T_u the transmittances
-    of the surface.
+    where D_C = 1.03 (1 + 2.4 u)^0.5 and D_B = 1.04 (1 + 5.4 u)^0.5 (Lee et al. 1999, eq. 9), and T_d and T_u are the
+    transmittances of the surface for irradiance downwards and for radiance upwards.
 
     Parameters
     ----------
@@ -126,16 +131,16 @@ def submerged_reflectance(
     deep : array_like
         Remote-sensing reflectance of the water without the object [1/sr].
     depth : array_like
-        Of the object [m], not below 0.
+        Depth of the object [m], 0 to 1000.
     reflectance : array_like
-        Of the object, 0 to 1 [1].
+        Reflectance of the object [1], 0 to 1.
     direct_fraction : array_like
-        Direct over total irradiance above the surface, 0 to 1 [1].
+        Direct over total irradiance above the surface [1], 0 to 1.
 
     Notes
     -----
-    Against a Monte Carlo of 288 cases to 14 m the root mean square error is 1.4 %. The adjacency effect at small
-    objects (light scattered in from their surroundings) is not modelled.
+    The root mean square error is 1.4 %, relative to a Monte Carlo simulation of 288 cases to 14 m depth. The adjacency
+    effect at small objects (light that their surroundings scatter into the line of sight) is not modelled.
     """
     depth, albedo = _object(depth, reflectance)
     k = water.absorption + water.backscattering
@@ -157,12 +162,13 @@ def absorption_only_reflectance(
     reflectance: npt.ArrayLike,
     direct_fraction: npt.ArrayLike = 0.7,
 ) -> Array:
-    """Light of a Lambertian object through water that absorbs but does not scatter [1/sr], for comparison.
+    """Remote-sensing reflectance [1/sr] of a Lambertian object in water that absorbs but does not scatter.
 
-        T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H),  angles in water
+        T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H)
 
-    The fast model of Fink (2014), section 2.5. Parameters and errors are those of `submerged_reflectance`. Against its
-    Monte Carlo the contrast of the object with the water is 27 % too high on average; the error grows with depth.
+    This is the fast model of Fink (2014), section 2.5, for comparison. Symbols, parameters and errors raised are as in
+    `submerged_reflectance`. Relative to the same Monte Carlo simulation, the contrast of the object with the water is
+    27 % too high on average; the error grows with depth.
     """
     depth, albedo = _object(depth, reflectance)
     paths = _path(sun_zenith) + _path(view_zenith)
@@ -171,18 +177,18 @@ def absorption_only_reflectance(
 
 
 def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:
-    """Depth and reflectance of an object, checked."""
+    """Check depth [m] and reflectance [1] of an object, and return them as float64."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 
 
 def _path(zenith: npt.ArrayLike) -> Array:
-    """Path length of a ray under water over depth, from its zenith angle in air."""
+    """Path length of a ray under water over depth [1], from its zenith angle in air [degree]."""
     return 1.0 / np.cos(np.radians(fresnel.refraction_angle(zenith)))
 
 
 def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: npt.ArrayLike) -> Array:
-    """Transmittance of the surface for irradiance into the water times that for radiance out of it, T_d T_u."""
+    """Product T_d T_u [1] of the transmittances of the surface: for irradiance downwards and for radiance upwards."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
     return downward * fresnel.radiance_transmittance(view_zenith)
@@ -190,7 +196,10 @@ def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: np
 
 @cache
 def _grid() -> tuple[tuple[Array, Array, Array], Array]:
-    """Axes of the table of Lee et al. (2011), and its coefficients (4, suns, views, azimuths)."""
+    """The table of Lee et al. (2011): axes (sun zenith, view zenith, relative azimuth) [degree], and coefficients.
+
+    The coefficients Gw0, Gw1, Gp0, Gp1 are (4, sun zenith, view zenith, relative azimuth) [1/sr].
+    """
     table = load("reflectance_lee_2011")
     sun, view, turn = (np.unique(table[name]) for name in ("sun_zenith", "view_zenith", "relative_azimuth"))
     values = np.array([table[name] for name in ("Gw0", "Gw1", "Gp0", "Gp1")])

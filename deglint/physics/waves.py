@@ -1,10 +1,10 @@
 """The wind sea: its wave spectrum, and the variances and correlations that follow from it.
 
-A `Sea` defines the spectrum, the wind and the directional spreading; the functions compute its statistics by
-quadrature. `deglint.physics.surface` draws surfaces from it. The formulas of the spectra are in
+A `Sea` defines the spectrum, the wind and the directional spreading; the functions compute its statistics by numerical
+integration. `deglint.physics.surface` draws random surfaces of a `Sea`. The formulas of the spectra are in
 `deglint.physics.spectra`.
 
-Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise, and its azimuth is where it
+Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise. Its azimuth is where it
 blows from, clockwise from north; waves travel in the opposite direction.
 """
 
@@ -25,12 +25,24 @@ SPECTRA_WIND_RANGE = (1.0, 20.0)  # range of 10 m winds for which the spectra we
 SHORTEST_WAVE = 0.003
 """Default shortest wave in slope integrals [m]; Elfouhaily's spectrum is negligible at shorter waves."""
 SHORT_WAVES = 10.0
-"""Waves beyond this multiple of the peak wavenumber are "short" (see `Sea.short_gain`)."""
+"""Waves with more than this multiple of the peak wavenumber are "short" (see `Sea.short_gain`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sea(Checked):
-    """A wind sea; spreads by default as Elfouhaily's waves do for their spectrum, else by half-angle cos-2s."""
+    """A wind sea: wind, wave spectrum and directional spreading.
+
+    Attributes
+    ----------
+    wind, wind_from : float
+        Wind speed at 10 m [m/s], 1 to 20, and azimuth that the wind blows from [degree].
+    fetch : float
+        Distance over which the wind has blown [m]; only JONSWAP uses it.
+    spreading : str, optional
+        Directional spreading; by default "elfouhaily" for the spectrum of that name, else "half-angle" (cos-2s).
+    exponent, opposing : float
+        Exponent s of the cos-2s spreading; share of their energy that Elfouhaily's waves carry upwind [1], 0 to 0.5.
+    """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
     wind_from: float = ranged(0.0, -720.0, 720.0, "degrees", "Give where the wind blows from, from north.")
@@ -39,7 +51,7 @@ class Sea(Checked):
     spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
     exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")
     opposing: float = ranged(0.0, 0.0, 0.5, "", "It is the share of the energy that Elfouhaily's waves carry upwind.")
-    short_gain: float = 1.0  # on the energy of waves beyond ten peak wavenumbers, to match a measured slope variance
+    short_gain: float = 1.0  # factor on the energy of short waves (`SHORT_WAVES`), to match a measured slope variance
 
     @property
     def peak_wavenumber(self) -> float:
@@ -54,7 +66,7 @@ class Sea(Checked):
 
     @property
     def effective_fetch(self) -> float:
-        """The fetch [m], limited to that of a fully developed sea."""
+        """The smaller of `fetch` and the fetch of a fully developed sea [m]."""
         return min(self.fetch, spectra.developed_fetch(self.wind))
 
     @property
@@ -64,9 +76,9 @@ class Sea(Checked):
 
 
 def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
-    """Omnidirectional spectral density of height over wavenumber [m3].
+    """Omnidirectional spectral density of height [m3] at wavenumbers [rad/m].
 
-    Frequency spectra are converted by ``S(k) = E(f) dw/dk / (2 pi)``, with surface tension in w(k).
+    A frequency spectrum E(f) is converted by ``S(k) = E(f) dw/dk / (2 pi)``; w(k) includes surface tension.
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     if sea.spectrum == "elfouhaily":
@@ -83,14 +95,15 @@ def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
 
 
 def spread_convention(sea: Sea) -> Spreading:
-    """The spreading function of `sea`."""
+    """Name of the directional spreading function of `sea`: its `spreading`, or the default for its spectrum."""
     return sea.spreading or ("elfouhaily" if sea.spectrum == "elfouhaily" else "half-angle")
 
 
 def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
-    """Mean of cos(2a) over the directions of the waves of a wavenumber: 0 (isotropic) to 1 (all along the wind).
+    """Mean of cos(2a) over the waves of a wavenumber [rad/m], with their angle a from the wind.
 
-    Half of Elfouhaily's D; ``s (s-1) / ((s+1)(s+2))`` for half-angle cos-2s, ``s / (s+1)`` for full-angle.
+    It is 0 for isotropic waves and 1 if all waves travel along the wind: D / 2 for Elfouhaily's spreading,
+    ``s (s-1) / ((s+1)(s+2))`` for half-angle and ``s / (s+1)`` for full-angle cos-2s.
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent
@@ -100,7 +113,10 @@ def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
 
 
 def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Floats:
-    """Wavenumbers [rad/m] for integrals over the waves between two wavelengths [m], by default from ten peak waves."""
+    """Wavenumbers (4001,) [rad/m] in even logarithmic steps, for integrals over the waves between two wavelengths [m].
+
+    `longest` is ten times the peak wavelength by default. Raises InputError: `shortest` is not between 0 and `longest`.
+    """
     low = sea.peak_wavenumber / 10 if longest is None else 2 * np.pi / longest
     if not shortest > 0 or 2 * np.pi / shortest <= low:
         raise InputError(f"shortest must be above 0 m and below {2 * np.pi / low:.3g} m, got {shortest:g} m")
@@ -108,7 +124,7 @@ def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHO
 
 
 def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
-    """Slope variance of the waves between two wavelengths, upwind and crosswind; see `wavenumbers`.
+    """Variance of the upwind and the crosswind slope [1] of the waves between two wavelengths [m]; see `wavenumbers`.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Synthetic scenes of the sea with their ground truth: pure functions from a `Setup` to arrays.
 
-`simulate(Setup(...))` returns a `SimulatedScene`, `simulate_together` the images of several sensors of one sea;
-`deglint.raster.simulated` writes them.
+`simulate(Setup(...))` returns a `SimulatedScene`; `simulate_together` returns one for each of several sensors that see
+the same sea. `deglint.raster.simulated` writes them to files.
 """
 
 from .artefacts import Artefacts

@@ -9,12 +9,13 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
-    """Fill `out`, (row, column) arrays of slope density at the glinting slope and of sky radiance, from a row to a row.
+    """Fill `out`: density of slopes at the slope that glints [1] and reflected sky [1/sr], both (row, column) by facet.
 
-    slopes: (row, column) complex, east + i north. sparkle: (row, column, 4) amplitudes, (row, column) indexes
-    into angular frequencies, these frequencies, time; empty without sparkle. wind: sine and cosine of its azimuth,
-    factors on the slopes of the grid. glint: upwind and crosswind slope that glints, variances about each facet.
-    table: sky by upwind and crosswind slope, its first slope, its step.
+    slopes: slope of each facet, (row, column) complex, east + i north. sparkle: amplitudes of slope (row, column, 4),
+    index of the frequency (row, column), angular frequencies [rad/s], time [s]; the first two are empty without
+    sparkle. rows: first row, last row + 1. wind: sine and cosine of the azimuth that the wind blows from, factors on
+    the upwind and crosswind slopes. glint: upwind and crosswind slope that glints, variances of upwind and crosswind
+    slope within a facet. table: reflected sky (upwind slope, crosswind slope) [1/sr], its first slope, its step.
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

@@ -1,6 +1,6 @@
 """Artefacts of a sensor and its processing: striping, resampling, JPEG.
 
-They change only the image, not the truth.
+They change the digital numbers, not the radiances of the truth.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,21 @@ Kernel = Literal["bilinear", "cubic", "lanczos"]
 
 KERNELS = get_args(Kernel)
 GRID_SHIFT = 0.5
-"""Offset of the sensor's grid from the map's grid, down and right [pixel]. A rotated grid has all offsets; half a pixel
-blurs most."""
+"""Offset of the sensor's grid from the map's grid, down and right [pixel]; half a pixel blurs most, when resampled."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Artefacts(Checked):
-    """Artefacts of an image.
+    """Artefacts of an image; by default there are none.
 
     Attributes
     ----------
     striping : float
-        Standard deviation of the gains of the columns, separate for each band [1]; 0.02 is 2 %.
+        Standard deviation of the gain from column to column [1], with separate gains for each band; 0.02 is 2 %.
     resampling : {"bilinear", "cubic", "lanczos"}, optional
-        The sensor's grid is offset by `GRID_SHIFT` pixels, and the image is interpolated to the map's grid.
+        How the image is interpolated from the sensor's grid, which is offset by `GRID_SHIFT` pixels, to the map's grid.
     jpeg : int, optional
-        Quality of a JPEG compression, 1 to 100: square root of the values in 8 bits, each band separately.
+        Quality of a JPEG compression, 1 to 100. Each band is compressed separately, as square roots in 8 bits.
     """
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
@@ -40,13 +39,16 @@ class Artefacts(Checked):
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
-    """Multiply each column of a band by a random gain, with a standard deviation about 1."""
+    """Multiply each column of a band (row, column) by a random gain with mean 1 and a standard deviation."""
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
     return np.asarray(radiance * np.maximum(gain, 0.0))
 
 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
-    """Interpolate a band from the sensor's grid, `GRID_SHIFT` pixels down and right, to the map's grid."""
+    """Interpolate a band from the sensor's grid, which lies `GRID_SHIFT` pixels down and right, to the map's grid.
+
+    `numbers` are digital numbers (row, column), `levels` is the largest that the sensor has.
+    """
     import cv2
 
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
@@ -57,9 +59,9 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 
 
 def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
-    """Write a band as 8-bit JPEG and read it again.
+    """Compress a band (row, column) as 8-bit JPEG and decompress it.
 
-    The square root of the values is stored, as in cameras, so that quantisation is proportional to shot noise.
+    The square root of numbers / `levels` is stored, as in cameras, so that quantisation is proportional to shot noise.
     """
     import cv2
 

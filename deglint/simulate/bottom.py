@@ -1,4 +1,4 @@
-"""The bottom of a shallow sea: its depth, and patches of two materials."""
+"""The bottom of a shallow sea: its depth, and patches of a second material on its ground."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,26 @@ from ..errors import InputError
 from ..physics._checks import Checked, Floats, choice, ranged
 from .materials import SPECTRA
 
-LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0  # range of depths of a bottom [m]; light from greater depths is negligible
+LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0  # range of depths of a bottom [m]; light from a deeper bottom is negligible
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bottom(Checked):
-    """A bottom that rises from the left to the right edge of the image.
+    """A bottom whose depth changes from the left to the right edge of the image.
 
     Attributes
     ----------
     depth : (float, float)
-        At the left and at the right edge of the image [m].
+        Mean depth at the left and at the right edge of the image [m], 0.1 to 60.
     edge : (float, float), optional
-        A reef edge: distance of its centre from the left edge of the image, and its width [m]. By default the depth
-        changes linearly over the whole image.
+        A reef edge, where the depth changes: distance of its centre from the left edge of the image, and its width [m].
+        By default the depth changes linearly over the whole image.
     roughness : float
-        Standard deviation of the depth about this profile [m], with features of the size `patch`.
+        Standard deviation of the depth about its mean [m], with features of the size `patch`.
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
-        Share of the ground covered by patches, 0 to 1, and their size [m].
+        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m].
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
@@ -49,10 +49,10 @@ class Bottom(Checked):
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Depth [m] float32, and mask of the second material, on a grid (row, column) of a spacing [m].
+    """Depth [m] (row, column) float32, and mask (row, column) of the second material, on a grid with a step [m].
 
-    Halfway between the right edge of the image, which is `width` wide [m], and the end of the grid, the depth returns
-    to that of the left edge.
+    The image covers the first `width` [m] of a row. Beyond the middle between its right edge and the end of the grid,
+    the mean depth is the depth of the left edge, because the grid is periodic.
     """
     rough, patchy, bent = seed.spawn(3)
     right = (np.arange(shape[1]) + 0.5) * spacing
@@ -72,9 +72,9 @@ def depth_and_patches(
 
 
 def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Floats:
-    """Gaussian noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32; periodic.
+    """Periodic noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32.
 
-    White noise, smoothed by a Gaussian with a standard deviation of a third of the size.
+    It is white Gaussian noise, smoothed by a Gaussian whose standard deviation is a third of `size`.
     """
     from scipy import fft
 

@@ -1,6 +1,6 @@
 """Opaque cover of the sea: land, foam, and floating targets that move.
 
-It is Lambertian: there is no specular reflection of sun or sky, and no light from the water.
+It is Lambertian: it reflects neither sun nor sky specularly, and no light from the water passes through it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 Labels = npt.NDArray[np.unsignedinteger[Any]]
 
-WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster
+WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster `SimulatedScene.cover`
 FOAM_PATCH = 1.5  # size of a patch of foam [m]: a spilling breaker of short wind waves
 LAND_PATCH = 6.0  # size of the patches of vegetation and rock on land [m]
-BASE = ("", "vegetation", "rock", "foam")  # materials of the first labels; those of the floating targets are appended
+BASE = ("", "vegetation", "rock", "foam")  # materials of labels 0 (water) to 3; one label for each target follows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ class FloatingTarget(Checked):
     length, width : float
         Size of the hull [m].
     speed, heading : float
-        Speed [m/s], and azimuth of its bow and of its motion [degree], clockwise from north; north is up.
+        Speed [m/s], and azimuth of motion and bow [degree], clockwise from north, which is up in the image.
     material, wake : str, float
-        See `deglint.simulate.materials.SPECTRA`; length of its wake of foam [m].
+        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the wake of foam [m].
     """
 
     right: float
@@ -53,7 +53,7 @@ class FloatingTarget(Checked):
 
 
 class Cover:
-    """The cover of a setup at any time."""
+    """What covers the sea of a setup: land, foam and floating targets. A label is an index into `materials`."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -69,6 +69,7 @@ class Cover:
             self._add_land(land)
 
     def _add_land(self, seed: np.random.SeedSequence) -> None:
+        """Add patches of vegetation and rock behind a curved shore, along the right edge of the image."""
         setup, shape = self.setup, self._fixed.shape
         bend, patches = seed.spawn(2)
         width = setup.size[1] * setup.sensor.gsd
@@ -80,14 +81,14 @@ class Cover:
         np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
-        """Index into `materials` of each facet at a time [s], (row, column); 0 is open water."""
+        """Label of each facet at a time [s], (row, column); 0 is open water."""
         labels = self._fixed.copy()
         for number, target in enumerate(self.setup.targets, start=len(BASE)):
             self._draw(labels, target, number, time)
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw a hull with a pointed bow, and its wake: foam that becomes thinner and wider behind the stern."""
+        """Draw a hull with a pointed bow (label `number`), and its wake: foam, thinner and wider behind the stern."""
         facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
         right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake
@@ -101,7 +102,7 @@ class Cover:
         north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
         east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
         along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target
-        across = east * np.cos(azimuth) - north * np.sin(azimuth)  # and to its starboard
+        across = east * np.cos(azimuth) - north * np.sin(azimuth)  # distance from its long axis, to starboard
         half = 0.5 * target.width
         if target.wake > 0:
             behind = (-0.5 * target.length - along) / target.wake
@@ -110,18 +111,18 @@ class Cover:
             wide = half * (0.7 + 0.9 * np.sqrt(np.maximum(behind, 0.0)))
             foam = (behind > 0) & (np.abs(across) < wide) & (tiled > 0.4 + 0.6 * behind)
             part[foam] = 3
-        taper = np.clip((0.5 * target.length - along) / (0.35 * target.length), 0.0, 1.0)  # of the bow
+        taper = np.clip((0.5 * target.length - along) / (0.35 * target.length), 0.0, 1.0)  # the bow is narrower
         part[(np.abs(along) <= 0.5 * target.length) & (np.abs(across) <= half * taper)] = number
 
     def kinds(self, labels: Labels) -> Labels:
-        """`WATER`, `LAND`, `FOAM` or `TARGET` of each label."""
+        """Convert labels to values of the cover raster: `WATER`, `LAND`, `FOAM` or `TARGET`."""
         table = np.full(len(self.materials), TARGET, np.uint8)
         table[:4] = WATER, LAND, LAND, FOAM
         return table[labels]
 
 
 def whitecaps(wind: float) -> float:
-    """Share of the open sea covered by whitecaps, for a wind at 10 m [m/s]: ``2.95e-6 U**3.52``.
+    """Share of the open sea that whitecaps cover [1], for a wind U at 10 m [m/s]: ``2.95e-6 U**3.52``, at most 1.
 
     References
     ----------

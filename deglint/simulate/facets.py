@@ -1,9 +1,9 @@
 """The sea surface as facets: sun glint and sky radiance that each facet reflects to the sensor.
 
-Waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A share of it, the
-sparkle, tilts each facet as a whole and varies in time according to the spectrum; the remainder is a Gaussian
-distribution of slopes within each facet. The mean over many scenes is therefore that of the closed form. Results do not
-depend on the band, except through its time.
+Waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A share of the
+unresolved variance, the sparkle, tilts each facet as a whole and varies in time according to the wave spectrum; the
+remainder is a Gaussian distribution of slopes within each facet. The mean glint over many scenes is therefore the glint
+of `deglint.physics.glint`. Results depend on the band only through its time.
 """
 
 from typing import Any
@@ -17,19 +17,19 @@ from ..physics.surface import by_rows, normals, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
-LEAST_SLOPE = 0.01  # least standard deviation of the slopes within a facet
-TABLE_REACH, TABLE_STEP = 1.5, 0.03  # slopes that the table of the mirrored sky covers
+LEAST_SLOPE = 0.01  # least standard deviation of the slopes within a facet [1]
+TABLE_REACH, TABLE_STEP = 1.5, 0.03  # largest slope, and step of slope, in the table of the reflected sky [1]
 
 
 class Facets:
-    """The facets of one scene, drawn at random; pairs are upwind and crosswind.
+    """The facets of one scene, drawn at random; pairs of numbers are (upwind, crosswind).
 
     Notes
     -----
-    Sparkle: if a facet has n patches, each of nearly uniform slope, its relative brightness has the variance v = 4 / n.
-    A single random slope with the share ``sqrt(v / (1 + v))`` of the unresolved variance has the same effect, and is
-    drawn for each facet. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels
-    of 25 cm: every facet contains most of the unresolved slopes.
+    Sparkle: if a facet has n patches, each of nearly uniform slope, the variance of its relative brightness is
+    v = 4 / n. One random slope for each facet, with the share ``sqrt(v / (1 + v))`` of the unresolved variance, has the
+    same effect. Linear waves resolved to 1 mm (``python -m benchmarks sparkle``) have little sparkle at pixels of
+    25 cm, because every facet contains most of the unresolved slopes.
     """
 
     def __init__(self, setup: Setup, *, workers: int = 1) -> None:
@@ -41,24 +41,24 @@ class Facets:
         unresolved = measured - scale**2 * resolved
         about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
         about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
-        self.slope_scale = _pair(scale)  # factors on the slopes of the grid, below 1 where they exceed what is measured
-        self.sparkle = _pair(unresolved - about)  # variance of the slopes that unresolved waves give facets as a whole
-        self.unresolved = _pair(about)  # variance of the slopes about each facet
+        self.slope_scale = _pair(scale)  # factors on the slopes of the grid, below 1 where these are too steep
+        self.sparkle = _pair(unresolved - about)  # slope variance by which unresolved waves tilt facets as a whole
+        self.unresolved = _pair(about)  # variance of the slopes within each facet
         facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
         self.glinting_slope = _pair(slopes.to_wind_axes(facet.east, facet.north, setup.wind_from))
-        # glint radiance per slope density and irradiance facing the sun [1/sr]
+        # glint radiance per unit of slope density and of irradiance on a plane facing the sun [1/sr]
         self.glint_factor = _glint_factor(setup, facet, self.glinting_slope)
         self._sparkle = _draw_sparkle(setup, self.sparkle, sparkle, workers)
         self._sky = _sky_table(setup, self.unresolved)
 
     @property
     def slope_variance(self) -> tuple[float, float]:
-        """Expected variance of the resolved slopes on this grid, upwind and crosswind."""
+        """Expected variance of the resolved slopes on this grid, upwind and crosswind [1]."""
         up, cross = self.surface.slope_variance
         return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
     def slopes(self, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Resolved slopes towards east and north at the first time."""
+        """Resolved slopes towards east and towards north [1], (row, column) each, at the time of the first band."""
         east, north = self.surface.slopes(workers=workers)
         if self.slope_scale == (1.0, 1.0):
             return east, north
@@ -66,9 +66,9 @@ class Facets:
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Density of slopes at the glinting slope, and reflected sky per diffuse irradiance [1/sr], at a time [s].
+        """Density of slopes at the slope that glints [1], and reflected sky per diffuse irradiance [1/sr], at a time.
 
-        Both (row, column) float32; independent of the number of workers.
+        Both are (row, column) float32, by facet. `time` [s] is after the first band; `workers` does not change them.
         """
         from ._kernels import reflect
 
@@ -87,7 +87,9 @@ def _pair(values: Floats | tuple[Floats, Floats]) -> tuple[float, float]:
 
 
 def sparkle_share(patch: float, facet: float) -> float:
-    """Share of the unresolved slope variance that tilts a facet as a whole, from the sizes of patch and facet [m].
+    """Share of the unresolved slope variance that tilts a facet as a whole [1].
+
+    `patch` is the size of the patches of nearly uniform slope [m], `facet` the side of a facet [m].
 
     Examples
     --------
@@ -101,7 +103,10 @@ def sparkle_share(patch: float, facet: float) -> float:
 def _draw_sparkle(
     setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int
 ) -> tuple[Any, Any, Any]:
-    """Tilt of each facet by unresolved waves: amplitudes, index of the frequency, and the frequencies."""
+    """Draw the sparkle: for each facet amplitudes of slope and an index into frequencies, and frequencies [rad/s].
+
+    The amplitudes (row, column, 4) are cosine and sine of the upwind slope, then of the crosswind slope.
+    """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
     shape, generator = setup.fine_grid, np.random.default_rng(seed)
@@ -115,14 +120,17 @@ def _draw_sparkle(
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies [rad/s] with equal shares of the slope variance that facets of a size [m] do not resolve."""
+    """Angular frequencies (4096,) [rad/s] with equal shares of the slope variance that facets [m] do not resolve."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
 
 
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
-    """Radiance per slope density and irradiance, times the ratio of the Gram-Charlier series to a Gaussian."""
+    """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
+
+    It includes the ratio of the slope model to the Gaussian at the slope that glints; 0 where the Gaussian is 0.
+    """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)
     factor = glint.radiance(1.0, setup.view_zenith, facet.tilt, facet.incidence)
@@ -130,9 +138,10 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
 
 
 def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
-    """Sky radiance reflected by a facet, by its upwind and crosswind slope, per diffuse irradiance [1/sr].
+    """Sky radiance reflected by a facet per diffuse irradiance [1/sr], (upwind slope, crosswind slope) float32.
 
-    Weighted by the visible share of a facet, and smoothed over the slopes within it.
+    It is weighted by the area of the facet that the sensor sees, and smoothed over the slopes within a facet, whose
+    variances are `about`.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -143,7 +152,7 @@ def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
     view = np.array(glint.direction(setup.view_zenith, setup.view_azimuth))
     cosine = np.clip(np.tensordot(view, normal, 1), 0.0, 1.0)
     east, north, up = 2 * cosine * normal - view[:, None, None]
-    away = np.degrees(np.arccos(np.clip(up, 0.0, 1.0)))  # a ray that goes down again meets the horizon
+    away = np.degrees(np.arccos(np.clip(up, 0.0, 1.0)))  # a ray that is reflected downwards gets the sky at the horizon
     turn = np.degrees(np.arctan2(east, north)) % 360
     seen = sky.radiance(away, turn, setup.sun_zenith, setup.sun_azimuth, model=setup.sky)
     mirrored = fresnel.reflectance(np.degrees(np.arccos(cosine))) * seen * cosine * level / view[2]

@@ -1,8 +1,8 @@
 """Reflectance spectra of materials other than water.
 
-Rounded typical values of Lambertian surfaces, linear between the wavelengths of the table. Sand and algae: Lee et al.
-(1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8. Foam: 0.5 in the visible, less beyond it
-as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
+The values are rounded and typical of Lambertian surfaces; between the wavelengths of the table they are interpolated
+linearly. Sand and algae: Lee et al. (1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8.
+Foam: 0.5 in the visible, less in the NIR, as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ SPECTRA = {
     "skin": (0.18, 0.20, 0.25, 0.27, 0.33, 0.43, 0.48, 0.52, 0.55, 0.45),
     "orange": (0.05, 0.05, 0.06, 0.12, 0.45, 0.60, 0.65, 0.68, 0.70, 0.70),
 }
-"""Reflectance [1] by material."""
+"""Reflectance [1] of each material at `WAVELENGTHS`."""
 
 
 def reflectance(name: str, wavelength: npt.ArrayLike) -> Floats:

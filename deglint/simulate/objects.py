@@ -20,9 +20,9 @@ class SubmergedObject(Checked):
     Attributes
     ----------
     corners : tuple of (float, float)
-        Outline: distances to the right of and below the upper left corner of the image [m].
+        Corners of the outline, (right, down) from the upper left corner of the image [m].
     reflectance, depth : float
-        0 to 1, the same at all wavelengths; below the surface [m].
+        Reflectance [1], 0 to 1, the same at all wavelengths; depth below the surface [m], 0.1 to 60.
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -35,10 +35,7 @@ class SubmergedObject(Checked):
             raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 
     def check_inside(self, height: float, width: float) -> None:
-        """Check that an object lies within a scene of this size [m].
-
-        Raises InputError: it does not.
-        """
+        """Check that the object lies within a scene of this size [m]. Raises InputError: it does not."""
         right, down = np.asarray(self.corners, dtype=np.float64).T
         if right.min() < 0 or down.min() < 0 or right.max() > width or down.max() > height:
             raise InputError(
@@ -49,7 +46,7 @@ class SubmergedObject(Checked):
 
 
 def square(right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0) -> SubmergedObject:
-    """A square object by its middle and side [m].
+    """Make a square object from its centre (right, down), side and depth, all in metres, and its reflectance [1].
 
     Examples
     --------
@@ -69,18 +66,18 @@ def thesis_array(
     sides: Sequence[float] | None = None,
     depth: float = 5.0,
 ) -> tuple[SubmergedObject, ...]:
-    """Squares of several reflectances and sizes, row by row, on the right half of a scene; the left stays deep water.
+    """Make squares of several reflectances and sizes, row by row, on the right half of a scene; the left half is empty.
 
     Parameters
     ----------
     size, gsd : (int, int), float
-        Rows and columns of the image [pixel], and their step [m].
+        Rows and columns of the image [pixel], and the size of a pixel [m].
     reflectances : sequence of float
-        One column of squares each.
-    sides : sequence of float
-        One row of squares each [pixel], repeated down the scene; those of 2, 4, 8 and 16 that fit by default.
+        Reflectance of each column of squares [1].
+    sides : sequence of float, optional
+        Side of the squares of each row [pixel], repeated down the scene; by default those of 2, 4, 8 and 16 that fit.
     depth : float
-        [m]
+        Depth of all squares [m].
 
     Examples
     --------
@@ -101,15 +98,15 @@ def thesis_array(
 
 
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
-    """Number of the object under each point of a grid, from 1; 0 is none, and later objects hide earlier ones.
+    """Number of the object at each point of a grid, (row, column) uint16: 1 for the first object, 0 for no object.
 
-    (row, column) uint16; the step of the grid is `spacing` [m], and its first point is half a step inside.
+    Later objects hide earlier ones. The step of the grid is `spacing` [m]; its first point lies half a step inside.
     """
     from skimage.draw import polygon
 
     out = np.zeros(shape, dtype=np.uint16)
     for number, target in enumerate(objects, start=1):
         right, down = np.asarray(target.corners, dtype=np.float64).T / spacing - 0.5
-        rows, columns = polygon(down - 1e-9, right - 1e-9, shape)  # an edge through points takes one side only
+        rows, columns = polygon(down - 1e-9, right - 1e-9, shape)  # points on an edge count on one side only
         out[rows, columns] = number
     return out

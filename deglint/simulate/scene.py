@@ -25,7 +25,7 @@ Progress = Callable[[int, int], object]
 
 @dataclass(frozen=True, eq=False)
 class SimulatedScene:
-    """A scene and the truth about it. Arrays are (band, row, column), radiances [W m-2 sr-1 nm-1].
+    """A synthetic scene and its truth. Arrays are (band, row, column) by default, radiances [W m-2 sr-1 nm-1].
 
     Attributes
     ----------
@@ -36,27 +36,28 @@ class SimulatedScene:
     image : uint16 ndarray
         Digital numbers of the sensor; times `Sensor.scale` they are radiance.
     truth : float32 ndarray
-        Radiance without sun glint and without noise, through the same optics: out of the water, and of the sky that
-        the sea mirrors.
+        Water-leaving radiance plus reflected sky, blurred by the optics, without sun glint and without noise. Land,
+        foam and floating targets are in it.
     truth_water : float32 ndarray
-        The same without the mirrored sky: out of the water alone. Land, foam and floating targets are in both.
+        `truth` without the reflected sky.
     truth_image : uint16 ndarray
-        `truth` as digital numbers, with noise from the same draw and the same artefacts.
+        `truth` as digital numbers, with the seeds of noise and the artefacts of `image`.
     glint : float32 ndarray
-        Radiance of the glint alone, through the same optics.
+        Radiance of the sun glint alone, blurred by the same optics.
     glint_mask : bool ndarray
-        Where glint exceeds the setup's share of `truth`.
+        True where `glint` exceeds `setup.glint_threshold` times `truth`.
     objects : (row, column) uint16 ndarray
-        Number of the submerged object, from 1; 0 where there is none, or it is hidden: under something that floats, or
-        below the bottom.
-    height, slopes : float32 ndarray or None
-        Height [m] and (east, north) slope of the resolved waves, mean over each pixel, at the first time.
+        Number of the submerged object, from 1 in the order of the setup; 0 where there is none, or where the bottom
+        hides it, or land, foam or a floating target in any band.
+    height, slopes : (row, column) and (2, row, column) float32 ndarray, or None
+        Height [m], and slopes towards east and north [1], of the resolved waves at the time of the first band, as means
+        over each pixel.
     resolved_slope_variance : (float, float)
-        Of the resolved waves upwind and crosswind, expected on this grid.
+        Expected variance of the upwind and crosswind slopes of the resolved waves on this grid [1].
     cover : (band, row, column) uint8 ndarray or None
-        0 open water, 1 land, 2 foam, 3 floating target, when the band sees it; None without any.
+        0 open water, 1 land, 2 foam, 3 floating target, at the time of the band; None if nothing covers the sea.
     depth : (row, column) float32 ndarray or None
-        Of the bottom [m]; None where the water is deep.
+        Depth of the bottom [m]; None if the setup has no bottom.
     """
 
     setup: Setup
@@ -89,20 +90,20 @@ def simulate(
     workers : int
         Number of threads; the result does not depend on it.
     keep_surface : bool
-        Also keep height and slopes of the sea.
+        If True, the scene has `height` and `slopes`; else they are None.
     progress : callable, optional
-        Called as progress(done, total), where the numbers count bands.
+        Called as progress(done, total) after each band; the numbers count bands.
 
     Returns
     -------
     SimulatedScene
-        The same to the bit for the same setup.
+        The same setup gives the same scene to the bit.
 
     Notes
     -----
-    Bands that see the sea at the same time share the work on the sea. Waves bend neither the light that leaves the
-    water nor the outlines of objects; multiple reflections and hiding of waves are left out. Seen at an angle, the
-    pixels are squares on the sea. About 60 bytes of memory per facet.
+    The sea is computed once for bands that are simultaneous. Waves bend neither the light that leaves the water nor the
+    outlines of objects; multiple reflections, and waves that hide other waves, are not modelled. Pixels are squares on
+    the sea also in an oblique view. Memory: about 60 bytes per facet.
 
     Examples
     --------
@@ -118,24 +119,24 @@ def simulate_together(
 ) -> tuple[SimulatedScene, ...]:
     """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 
-    Raises InputError: as `simulate`; setups that are not of one sea.
+    Raises InputError: as in `simulate`, or the setups are of different seas.
 
     Parameters
     ----------
     setups : sequence of Setup
-        Alike but for `sensor`, `misregistration`, `artefacts` and `glint_threshold`; the sensors have the same bands,
-        in the same order, and the same ground sampling distance.
+        They may differ only in `sensor`, `misregistration`, `artefacts` and `glint_threshold`; the sensors have the
+        same bands, in the same order, and the same ground sampling distance.
     workers, keep_surface, progress
-        As for `simulate`; the bands are those of all setups.
+        As in `simulate`; `progress` counts the bands of all setups.
 
     Returns
     -------
     tuple of SimulatedScene
-        Each the same to the bit as `simulate` of its setup.
+        Each scene is the same, to the bit, as the result of `simulate` for its setup.
 
     Notes
     -----
-    The sea is drawn once, moved once to each time at which a band sees it, and transformed once for all optics.
+    The sea is drawn once, moved once to the time of each band, and transformed once for all optics.
 
     Examples
     --------
@@ -146,7 +147,7 @@ def simulate_together(
     (True, False)
     """
     check_one_sea(setups)
-    # how fast sparkle changes is drawn only where something moves
+    # sparkle gets frequencies only where bands are not simultaneous: draw the sea of the setup with the longest delay
     moving = max(setups, key=lambda s: max(s.times))
     sea, world = Facets(moving, workers=workers), _World(moving)
     shots = [_Shot(setup, workers) for setup in setups]
@@ -161,7 +162,7 @@ def simulate_together(
 
 
 class _World:
-    """Bottom, objects and surface cover of a setup, on the facets, and the light."""
+    """Bottom, objects and cover of the sea of a setup, for each facet, and the light in each band (`lit`)."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -170,21 +171,21 @@ class _World:
         self.depth: Floats | None = None
         if setup.bottom is not None:
             seed, width = np.random.SeedSequence(setup.seed, spawn_key=(3,)), setup.size[1] * setup.sensor.gsd
-            # patches: where the second material of the bottom lies
+            # patches: mask of the second material of the bottom
             self.depth, self.patches = depth_and_patches(setup.bottom, shape, setup.facet, width, seed)
             buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[self.labels] > self.depth
             self.labels = np.where(buried, np.uint16(0), self.labels)
         self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
-        # radiance of the materials of the cover, (material, band)
+        # radiance of each material of the cover, (material, band)
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     @property
     def is_plain(self) -> bool:
-        """The water is the same everywhere."""
+        """Whether the water-leaving radiance is the same everywhere: no objects, no bottom, no cover."""
         return not self.setup.objects and self.depth is None and self.cover is None
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance out of the water, or of what lies on it, of each facet (row, column) float32."""
+        """Water-leaving radiance of facets in a band, or of their `cover` (labels), (row, column) float32."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -195,24 +196,24 @@ class _World:
         return out
 
     def on_pixels(self, layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The facets in the middle of the pixels of the image."""
+        """Values of `layer`, (row, column) by facet, at the middle of each pixel of the image, (row, column)."""
         n, (rows, columns) = self.setup.supersample, self.setup.size
         return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
 
 
 class _Shot:
-    """A scene in the making: radiances of the water, of the truth and of the glint, (band, row, column) float32."""
+    """The scene of one setup while its bands are filled in: radiances, each (band, row, column) float32."""
 
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
-        self.own = np.empty((2, *self.water.shape), np.float32)  # truth and glint
-        self.seen, self.shift = self.own, 0.0  # the same on the grid of the sensor, and where that lies [pixel]
+        self.own = np.empty((2, *self.water.shape), np.float32)  # truth and glint, on the grid of the map
+        self.seen, self.shift = self.own, 0.0  # the same on the grid of the sensor, and offset of this grid [pixel]
         if setup.artefacts.resampling:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Signal of a spectrum in band i, from a grid that is displaced by some pixels."""
+        """Image of a spectrum in band i, on a grid of pixels that is displaced by `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -221,7 +222,10 @@ class _Shot:
         return seen[: setup.size[0], : setup.size[1]]
 
     def digitised(self, radiance: Floats) -> Numbers:
-        """Digital numbers with artefacts; noise is from a seed of each band, the same for image and truth."""
+        """Convert radiances (band, row, column) to digital numbers, with noise and artefacts.
+
+        Each band has its own seed of the noise, which is the same for image and truth.
+        """
         setup, sensor, artefacts = self.setup, self.setup.sensor, self.setup.artefacts
         seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
         gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
@@ -243,7 +247,7 @@ class _Shot:
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
-        """The scene, once all bands are there."""
+        """Make the scene when all bands are filled in; `surface` is its (height, slopes), `variance` of its slopes."""
         setup, (truth, glint) = self.setup, self.own
         image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
         ids, cover = world.on_pixels(world.labels), None
@@ -259,7 +263,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Fill in the bands that see the sea at one time, and yield after each."""
+    """Fill in, in all shots, the bands whose time offset is `time` [s]; yield after each of them."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:
@@ -288,7 +292,10 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Height and slopes at the first time, mean over each pixel."""
+    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), of the sea at the first time.
+
+    Both are means over each pixel.
+    """
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)
     n, (rows, columns) = setup.supersample, setup.grid

@@ -1,4 +1,4 @@
-"""All parameters of a synthetic scene, in one frozen value that the sidecar repeats; and grids of such values."""
+"""All parameters of a synthetic scene (`Setup`), and series of setups for experiments."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -22,70 +22,70 @@ from .objects import SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
-MOST_FACETS = 1 << 26  # facets that a scene may have; at 60 bytes each they take 4 GB
+MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
 LEAST_ENERGY = 0.3
-"""Short waves keep at least this share of their energy; slopes that are then still too steep are scaled per facet."""
+"""Least share of their energy that short waves keep; if slopes are then still too steep, `Facets` scales them."""
 RESOLVED_AT_MOST = 0.95
-"""Share of the measured slope variance that the waves of the grid may carry; short waves are damped to it."""
+"""Largest share of the measured slope variance that waves on the grid may have; short waves are damped to it."""
 EDGE_MARGIN = 16
-"""Columns beyond an image whose edges differ [pixel]: the grid repeats, and the optics reach over its edges."""
+"""Columns added to an image with a coast or a bottom [pixel]: the grid is periodic, and blur crosses its edges."""
 
-WINDS = (2.0, 5.0, 9.0, 12.0)  # winds of a grid of setups [m/s]
-DELAYS = (0.0, 0.010, 0.060)  # delays from each band to the next, of a grid of setups [s]
+WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
+DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]
 LOOKS = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
-"""View zenith angle, and azimuth of the sensor from that of the sun, both as seen from the target [deg]."""
-F_NUMBERS = (10.0, 30.0)
+"""Viewing geometries of `experiments`: view zenith, and azimuth of the sensor minus azimuth of the sun [degree]."""
+F_NUMBERS = (10.0, 30.0)  # f-numbers of `experiments`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setup(Checked):
-    """Setup of a simulation.
+    """All parameters of a synthetic scene.
 
     Attributes
     ----------
     sensor : Sensor
-        With its bands, their time offsets and the ground sampling distance.
+        Sensor with its bands, their time offsets and the ground sampling distance.
     size : (int, int)
         Rows and columns of the image [pixel].
     wind, wind_from : float
-        Speed at 10 m [m/s], and azimuth that it blows from [deg].
+        Wind speed at 10 m [m/s], and azimuth that the wind blows from [degree].
     spectrum, fetch, spreading, exponent, opposing
-        Of the waves; see `deglint.physics.waves.Sea`.
+        Parameters of the waves; see `deglint.physics.waves.Sea`.
     slopes : {"cox-munk", "cox-munk-gaussian"}
-        Distribution of slopes of the mean glint, with or without the Gram-Charlier series.
+        Distribution of slopes that the mean glint follows, with or without the Gram-Charlier series.
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
-        Of the sun and the sensor as seen from the target [deg].
+        Zenith angles and azimuths of the sun and of the sensor, as seen from the target [degree].
     sky : {"uniform", "cardioidal", "harrison-coombes"}
-        Radiance of the sky. The cardioidal one, of an even haze, has no glow around the sun; the clear sky of Harrison
-        and Coombes has, and what the sea mirrors of it looks like sun glint.
+        Model of the sky radiance. Only the clear sky, "harrison-coombes", has a glow around the sun; its reflection in
+        the sea looks like sun glint.
     air : Air, optional
-        State of the atmosphere; by default that of the thesis (humidity 80 %, visibility 40 km), this wind.
+        State of the atmosphere; by default as in Fink (2014), with humidity 80 %, visibility 40 km, and `wind`.
     chlorophyll : float
-        Of the case-1 water [mg m-3].
+        Chlorophyll of the case-1 water [mg m-3].
     objects, bottom : tuple of SubmergedObject, Bottom, optional
-        What lies under water; by default it is deep and empty.
+        Objects under water, and the bottom; by default there are none, and the water is deep.
     coast : float
-        Mean width of the land along the right edge [m]; 0 for none.
+        Mean width of the land along the right edge of the image [m]; 0 for no land.
     foam : float
-        Share of the sea that whitecaps cover [1]; `deglint.simulate.whitecaps` gives that of a wind.
+        Share of the sea that whitecaps cover [1]; `deglint.simulate.whitecaps` computes it from a wind.
     targets : tuple of FloatingTarget
-        Boats and swimmers; bands with a delay see them at different places.
+        Boats, swimmers and buoys; in bands with a delay a moving target is at different places.
     supersample : int
-        Facets per pixel along each axis.
+        Facets, the cells on which the sea is computed, per pixel along each axis.
     patch : float
-        Size of the patches of nearly uniform slope that unresolved waves make [m]. It sets the sparkle; 0 for none.
-        Surfaces resolved to 1 mm give 0.005; with 0.06 single facets flash.
+        Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
+        gives none. Surfaces resolved to 1 mm correspond to 0.005; with 0.06 single facets flash.
     misregistration : tuple of (float, float)
-        For each band, its displacement down and right of the pixels of the image [pixel]; empty for none. The truth of
-        the band is displaced, too.
+        For each band, displacement (down, right) of its pixels relative to the pixels of the image [pixel]; empty for
+        none. The truth of the band is displaced, too.
     artefacts : Artefacts
-        Striping, resampling and JPEG of the image; the truth has none of them.
+        Striping, resampling and JPEG; `SimulatedScene.truth` has none of them.
     glint_threshold : float
-        The glint mask is True where glint exceeds this share of the radiance without glint.
+        The glint mask is True where glint exceeds this share of the radiance without glint [1].
     domain : float, optional
-        Side of the square of sea that is simulated [m]; by default the image, or one peak wave if longer.
+        Least side of the sea that is simulated [m]; by default one peak wavelength. The image always lies within it.
     seed : int
-        Same seed, same scene, to the bit.
+        Seed of all random numbers: the same seed gives the same scene to the bit.
     """
 
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
@@ -146,7 +146,7 @@ class Setup(Checked):
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Time offset of each band from the first [s]."""
+        """Time of each band after the earliest band [s]."""
         start = min(b.time_offset for b in self.sensor.bands)
         return tuple(b.time_offset - start for b in self.sensor.bands)
 
@@ -157,12 +157,12 @@ class Setup(Checked):
 
     @property
     def fine_grid(self) -> tuple[int, int]:
-        """Rows and columns of the sea that is simulated [facet]."""
+        """Rows and columns of the simulated sea [facet]."""
         return self.grid[0] * self.supersample, self.grid[1] * self.supersample
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Rows and columns of the simulated sea [pixel], with a fast FFT; the image is its upper left corner."""
+        """Rows and columns of the simulated sea [pixel], of sizes with a fast FFT; the image is its upper left part."""
         from scipy.fft import next_fast_len
 
         least = self.sea.peak_wavelength if self.domain is None else self.domain
@@ -173,19 +173,19 @@ class Setup(Checked):
 
     @property
     def weather(self) -> Air:
-        """State of the atmosphere."""
+        """State of the atmosphere: `air`, or its default."""
         wind = float(self.wind)
         return self.air or Air(visibility=40.0, humidity=80.0, water_vapour=2.5, wind=wind, wind_mean=wind)
 
     @property
     def slope_variance(self) -> tuple[float, float]:
-        """Measured variance of slope upwind and crosswind, of waves of all lengths (Cox and Munk)."""
+        """Variance of the upwind and crosswind slope [1] of waves of all lengths, as Cox and Munk measured it."""
         up, cross = variances(wind_at_height(self.wind), model=self.slopes)
         return float(up), float(cross)
 
     @property
     def sea(self) -> Sea:
-        """The waves, the short ones damped where the grid would have them exceed the measured slopes."""
+        """Waves of the scene; short waves are damped where the grid would resolve too large a share of the slopes."""
         waves = ("wind", "wind_from", "spectrum", "fetch", "spreading", "exponent", "opposing")
         sea = Sea(**{name: getattr(self, name) for name in waves})
         split = sea.peak_wavelength / SHORT_WAVES
@@ -199,9 +199,9 @@ class Setup(Checked):
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:
-    """Check that setups differ in no more than optics, noise, artefacts and band delays.
+    """Check that setups differ only in optics, noise, artefacts, glint threshold and band delays.
 
-    Raises InputError: two differ in something else; the message says in what.
+    Raises InputError: a setup differs from the first in something else; the message names it.
     """
     first, own = setups[0], {"sensor", "misregistration", "artefacts", "glint_threshold"}
     names = [f.name for f in fields(Setup) if f.name not in own]
@@ -218,10 +218,10 @@ def check_one_sea(setups: Sequence[Setup]) -> None:
 def experiments(
     base: Setup, *, winds: Sequence[float] = WINDS, delays: Sequence[float] = DELAYS
 ) -> Iterator[tuple[str, Setup]]:
-    """Name and setup of every combination; the rest, and the sun, are those of `base`.
+    """Name and setup for every combination of wind [m/s], `LOOKS`, delay from band to band [s] and `F_NUMBERS`.
 
-    The name holds wind [m/s], delay [ms], viewing geometry [deg] and f-number. Scenes that differ only in delay or
-    optics have the same seed, so they see the same sea.
+    All other parameters are those of `base`. The name holds wind [m/s], delay [ms], viewing geometry [degree] and
+    f-number. Setups that differ only in delay or f-number have the same seed, and so the same sea.
 
     Examples
     --------

@@ -12,13 +12,13 @@ WAVELENGTH_RANGE = (300.0, 1000.0)  # wavelength range of the tables of light an
 
 
 def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
-    """Wavelengths [nm] as float64; InputError if outside the tables."""
+    """Check wavelengths [nm], return them as float64. Raises InputError: outside `WAVELENGTH_RANGE`."""
     return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 
 @cache
 def load(name: str) -> dict[str, npt.NDArray[np.float64]]:
-    """Columns of a table by name, read once; `name` is that of the file without its ending.
+    """Columns of a table of this package, by the name of the column; `name` is the file name without ``.csv``.
 
     Examples
     --------
