@@ -178,10 +178,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path) -> None:
-    """Check at four blocks per band that the file was written to its end; else WriteError.
-
-    GDAL does not report errors when it closes a file.
-    """
+    """Check at four blocks per band that the file is complete, as GDAL reports no errors when it closes a file."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
