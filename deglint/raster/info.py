@@ -62,7 +62,7 @@ class RasterInfo:
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
     colorinterp: tuple[str, ...]  # GDAL's colour interpretation ("gray", "undefined")
-    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* are those of the input's pixels
+    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* describe the input's pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
     mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; empty: a mask of its own
     block_shapes: tuple[tuple[int, int], ...]  # rows and columns of a block
@@ -82,7 +82,7 @@ class RasterInfo:
 
     @property
     def count(self) -> int:
-        """Number of scene bands."""
+        """Number of bands of the scene."""
         return len(self.dtypes)
 
     @property
@@ -173,7 +173,7 @@ def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
 
 
 def one_line(error: BaseException) -> str:
-    """First line of the message of an error, or of its cause."""
+    """First line, without a full stop, of the message of an error, or of its cause if it has one."""
     text = str(error.__cause__ or error).strip() or type(error).__name__
     return text.splitlines()[0].rstrip(".")
 

@@ -25,7 +25,7 @@ from ..scene import Window
 from .info import RasterInfo, open_dataset, quiet
 from .scratch import DISK_FULL, Scratch, free_bytes, write_errors
 
-BLOCK = 512  # side of the output's blocks [pixel] if those of the input are not suitable
+BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
 OVERVIEWS_FROM = 1024  # longer side from which on an image gets overviews [pixel], as COG validators require
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
@@ -42,7 +42,7 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 
 def levels(height: int, width: int) -> list[int]:
-    """Reduction factors of the overviews of an image, such as [2, 4]; empty for a small image."""
+    """Reduction factors of the overviews of an image of a size [pixel], such as [2, 4]; empty for a small one."""
     side = max(height, width)
     count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
     return [2 << k for k in range(count)]
@@ -61,7 +61,7 @@ class Layout:
     nodata: float | None = None
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options; they override the defaults
     scaled: bool = True  # the values are file values of the input: keep scale, offset, unit and colour
-    names: tuple[str, ...] | None = None  # names of the bands; by default those of the input
+    names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
     tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
     flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: meaning of each bit (1, 2, 4, ...)
@@ -77,7 +77,7 @@ class Layout:
 
     @property
     def holds_flags(self) -> bool:
-        """Whether this is a raster of flags (bytes, not `scaled`), which gets a colour table and is not averaged."""
+        """Whether this is a raster of flags (bytes, not `scaled`); it gets a colour table and no averaged overviews."""
         return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
@@ -92,7 +92,7 @@ class Layout:
 
 def _block_side(tile: int, size: int, own: int) -> int:
     """Side of a block [pixel], given the sides of a tile, of the image (`size`) and of the input's blocks (`own`)."""
-    whole = tile >= size  # one tile: blocks of any size are written once
+    whole = tile >= size  # the tile spans the image, so that a block of any size is written once
     if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
         return own
     if whole:
@@ -123,7 +123,7 @@ class RasterWriter:
                     self._dataset = rasterio.open(path, "w", **plain)
             _describe(self._dataset, layout)
             if layout.masked:
-                # the mask's header goes before the data, too
+                # the header of the mask must precede the data, too
                 self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
 
     def __enter__(self) -> Self:
@@ -264,13 +264,13 @@ def write_text(scratch: Scratch, target: Path, text: str) -> None:
 
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
-    """Write a small file."""
+    """Write the bytes of a small file to the scratch file of `target`."""
     with write_errors(target):
         scratch.add(target).write_bytes(data)
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:
-    """Write values as JSON; NaN and infinity become null."""
+    """Write values to a JSON file; NaN and infinity become null."""
     write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 

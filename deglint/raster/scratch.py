@@ -115,7 +115,7 @@ def _signals_held() -> Iterator[None]:
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:
-    """Create a directory for outputs if it is missing."""
+    """Create a directory for outputs if it is missing; WriteError if that fails."""
     try:
         directory.mkdir(parents=parents, exist_ok=True)
     except OSError as error:

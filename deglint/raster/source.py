@@ -174,7 +174,7 @@ class RasterSource:
             indexes = [file.indexes[b] for b in own]
             if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
                 dataset.read(indexes, window=window, out=part)
-            else:  # rasterio reads bands of several types one by one only
+            else:  # rasterio cannot read bands of several types at once
                 for numbers, i in zip(part, indexes, strict=True):
                     dataset.read(i, window=window, out=numbers)
             known = _validity(file, dataset, part, own, window)

@@ -36,8 +36,8 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
     """All files that are read for these names, each once: the names themselves, then the files that belong to them.
 
-    Names are GDAL names, folders or text files. Names that are not files ("auto", "0,0,10,10") are skipped. For a file
-    in an archive, the archive is included. Files that cannot be opened are included by name only.
+    Names are GDAL names, folders or text files. For a file in an archive, the archive is added. For names that are not
+    files ("auto", "0,0,10,10") and files that cannot be opened, no further files are added.
     """
     given = dict.fromkeys(map(str, names))
     found = {identity(name): name for name in reversed(given)}
@@ -113,7 +113,7 @@ def check_unread(targets: Sequence[Path], reads: Reads) -> None:
             held.setdefault(identity(file), f"is {what}" if file in given else f"is read with {what}")
             beside |= {identity(companion): file for companion in _companions(Path(file))}
     for target in targets:
-        for path in (target, *_companions(target)):  # an image that is replaced takes its old companions with it
+        for path in (target, *_companions(target)):  # when an image is replaced, its old companions are deleted
             if found := held.get(identity(path)):
                 lost = "it would be written over, and would be lost"
                 raise InputError(f"{path} {found}: {lost}. Give that output another name.")

@@ -108,7 +108,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
     note = ""
-    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # or longitudes of 0-360
+    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # longitude to 360
         note = f"{name} names no CRS, and is not in longitude and latitude: the CRS of the scene is assumed"
         log.info("%s", note)
     elif scene.crs is not None:
@@ -216,7 +216,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
     apart = info.crs is None or scene.crs is None
-    if apart and (info.height, info.width) == (scene.height, scene.width):  # the size alone says where it lies
+    if apart and (info.height, info.width) == (scene.height, scene.width):  # equal size: the grid of the scene
         return Area(whole, partial(_in_raster, RasterSource([FileBands.of(info)], info)))
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(

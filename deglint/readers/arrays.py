@@ -66,7 +66,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     sensor : str, optional
         Name of a preset, as in `deglint.open_scene`.
     nodata : float or "none", optional
-        Nodata value (or NaN), overriding that of the array; "none": every value is valid.
+        Nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -111,7 +111,7 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
     grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
     stated = {**array.attrs, **lists}
-    encoded = array.encoding if array.dtype.kind in "iu" else {}  # real numbers were decoded to NaN
+    encoded = array.encoding if array.dtype.kind in "iu" else {}  # in floating-point arrays nodata has become NaN
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
         dtypes=(dtype,) * count, nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),

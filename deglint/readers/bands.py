@@ -58,7 +58,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """Copy names, wavelengths and widths of the bands into `info`, so that an output has them, too."""
+    """A copy of `info` with the names, wavelengths and widths of the bands, so that an output has them, too."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)

@@ -117,7 +117,7 @@ def plain_name(name: str) -> str:
 
 
 def only_numbered(names: Sequence[str]) -> bool:
-    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ..."""
+    """Whether the names only number the bands in order: "Band 1", "Band 2", ..."""
     found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
     return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
 

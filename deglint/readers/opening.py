@@ -165,7 +165,7 @@ def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> boo
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
-    """Set the nodata of each band.
+    """A copy of `info` with the nodata to use for each band.
 
     `nodata` is used for all bands if given; a text ("none") means no nodata. Otherwise the nodata of the file is kept,
     or dropped, with a note, where the type of the band cannot hold it. InputError if a type cannot hold `nodata`.
@@ -207,7 +207,7 @@ class Stated:
     """Properties of bands that the user gives; they override the file. Tuples have one entry per band, or none."""
 
     names: tuple[str, ...] = ()
-    wavelengths: tuple[float, ...] = ()  # [nm]
+    wavelengths: tuple[float, ...] = ()  # centres [nm]
     scales: tuple[float, ...] = ()  # physical value = file value * scale + offset
     offsets: tuple[float, ...] = ()  # a single scale or offset is for all bands
 
@@ -229,7 +229,7 @@ class Stated:
         return max(len(self.names), len(self.wavelengths)) or None
 
     def on(self, info: RasterInfo) -> RasterInfo:
-        """Copy the properties into the description of all bands; InputError if their number differs."""
+        """A copy of `info`, which describes all bands, with these properties; InputError if their number differs."""
         total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
         given = {"bands": self.names, "wavelengths": self.wavelengths, "scale": scales, "offset": offsets}

@@ -19,7 +19,7 @@ _MAGIC = re.compile(r"[*?\[]")
 
 @dataclass(frozen=True)
 class ListedScene:
-    """A scene of a batch."""
+    """A scene of a batch: its name and its files."""
 
     name: str  # its outputs are called after it; it is never a path
     paths: tuple[str, ...]  # GDAL names of its files

@@ -52,7 +52,7 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
 
 
 def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
-    """Copy wavelengths and widths into the tags of the bands in `info`; where they are None, the tag is kept."""
+    """A copy of `info` with these wavelengths and widths in the tags of its bands; None keeps the tag of the file."""
     every = []
     for own, new in zip(info.band_tags, spectra, strict=True):
         facts = {"wavelength_nm": new.wavelength, "fwhm_nm": new.width}
@@ -62,7 +62,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """Copy wavelength, width and full scale from the tags of the file into the tags of each band in `info`."""
+    """A copy of `info` with wavelength, width and full scale in the tags of each band, from the file if needed."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info

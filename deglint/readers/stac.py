@@ -41,7 +41,10 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """Add the properties of the Item to the description of the file; properties in the file take precedence."""
+        """A copy of the file's description with the properties of the Item, if their numbers of bands are equal.
+
+        Scale, offset and nodata in the file take precedence.
+        """
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
@@ -81,7 +84,7 @@ def read_document(path: str) -> Mapping[str, Any]:
     return _fetched(path) if re.match(r"https?://", path, re.IGNORECASE) else read_json(path, "STAC")
 
 
-@lru_cache(maxsize=16)  # an Item is asked for its files, and then opened
+@lru_cache(maxsize=16)  # an Item is read twice: for the names of its files, and to open them
 def _fetched(path: str) -> Mapping[str, Any]:
     from urllib.request import Request, urlopen
 

@@ -28,7 +28,7 @@ def read_toml(path: str, option: str) -> dict[str, Any]:
     text = read_text(path, option)
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits are no TOMLDecodeError
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits raises a plain ValueError
         raise InputError(f"{path} ({option}) is not TOML: {str(error) or 'it is nested too deep'}.") from error
 
 

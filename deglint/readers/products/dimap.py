@@ -26,7 +26,7 @@ UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
+    """The multispectral product in a folder or archive, or to which a named file belongs; None if there is none."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files, found = container.find(METADATA), []
     for member in [named] if named in files else files:
@@ -106,7 +106,7 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
     """Names of the bands (BAND_ID) in the order of the image, and notes."""
-    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two: three bands each in a file of its own
+    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two, with three bands each
     if not any(part.find(".//Raster_Index") is not None for part in parts):
         parts = [root]
     placed = [

@@ -78,7 +78,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
-        bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
+        bands.sort(key=lambda b: b.wavelength or 0.0)  # file names that end in letters do not give the order
     if left:
         notes.insert(0, f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
     notes = list(dict.fromkeys([*notes, UNREGISTERED]))
@@ -87,7 +87,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """Add what the XMP of a file says of its bands, if it has one, to `info`; return `info` and notes."""
+    """A copy of `info` with what the file's XMP says of its bands, and notes; `info` itself without an XMP."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
@@ -99,7 +99,7 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
 
 
 def is_capture(info: RasterInfo) -> bool:
-    """Whether a file is one band of a capture, from its name and XMP."""
+    """Whether a file is one band of a capture, which its name and XMP show."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
@@ -148,7 +148,7 @@ def _kind(facts: Facts) -> str:
 
 
 def _sensor(facts: Facts) -> str | None:
-    """The preset with the optics and time offsets of this camera."""
+    """Name of the preset with the optics and time offsets of the camera; None for other cameras than RedEdge."""
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
@@ -210,7 +210,7 @@ def _dji(facts: Facts) -> Calibration | None:
     vignette = numbers(one(facts, "VignettingData"))
     centre = [number(one(facts, f"CalibratedOpticalCenter{axis}")) for axis in "XY"]
     flat = FlatField(black)
-    if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has done it
+    if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has corrected it
         flat = FlatField(black, (centre[0] or 0.0, centre[1] or 0.0), tuple(vignette), corrects=True)
     return factor / (65536 * gain * micro * 1e-6), None, flat
 

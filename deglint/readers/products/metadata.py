@@ -37,7 +37,7 @@ class Container:
 
     path: str
     kind: str  # "folder", "zip" or "tar"
-    names: tuple[str, ...]  # members, relative, with "/" between folders, sorted
+    names: tuple[str, ...]  # sorted paths of the members in it, with "/" between folders
     named: str | None = None  # the member (a file or a folder) that the user named; None: the whole container
     was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that were read
 
@@ -107,7 +107,7 @@ class Container:
 
 
 def last(member: str) -> str:
-    """File name of a member."""
+    """File name of a member, without folders."""
     return PurePosixPath(member).name
 
 

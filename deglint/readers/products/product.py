@@ -34,10 +34,10 @@ class ProductBand:
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or the selected part of it."""
+    """A product, or a part of it, as its metadata describe it."""
 
-    kind: str  # "Sentinel-2 L2A"
-    name: str  # the product's own name, without a path
+    kind: str  # family and level, such as "Sentinel-2 L2A"
+    name: str  # name that the provider gave the product, without a path
     bands: tuple[ProductBand, ...]  # bands of one file are adjacent, in its order
     sensor: str | None = None  # a name of a sensor preset
     tags: Mapping[str, str] = field(default_factory=dict)  # for the output: time of acquisition, angles
@@ -46,7 +46,7 @@ class Product:
 
     @property
     def files(self) -> dict[str, tuple[ProductBand, ...]]:
-        """The bands of each file, in order."""
+        """The bands of each file, by its GDAL name, in order."""
         found: dict[str, tuple[ProductBand, ...]] = {}
         for band in self.bands:
             found[band.path] = (*found.get(band.path, ()), band)
@@ -80,7 +80,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 
 
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
-    """Add names, scale, offset, nodata, unit and tags of a product to the description of a file.
+    """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
     Scale, offset and nodata in the file take precedence. `sensor` is a name for the tag "sensor".
     """

@@ -82,7 +82,7 @@ def _granule(member: str) -> str:
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
-    """The file of each band, and the skipped bands: 60 m bands need `single` or no others."""
+    """File of each band, and skipped bands; bands of 60 m are used only with `single` or if there are no others."""
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
         name = match["band"].upper()
