@@ -1,7 +1,7 @@
 """Raster files: reading and writing of windows, nodata, masks, scale and offset.
 
-Inside the project pixels are floating point with NaN where they are not valid; properties of a file (type, nodata,
-tags, compression) are only here, in `RasterInfo`. rasterio is imported when a file is opened, not before.
+Other modules get pixels as floating point, with NaN where they are not valid. The properties of a file (type, nodata,
+tags, compression) are in `RasterInfo`. rasterio is imported when a file is opened, not before.
 """
 
 from .convert import FlatField

@@ -1,7 +1,7 @@
 """Conversion of file values to physical values and back: pure functions on arrays.
 
-On the way back values are rounded and saturate, and the lost ones are counted. Pixels that were not corrected are not
-converted: they keep their bits.
+On the way back, values are rounded and clipped to the range of the file's type; masks show which were clipped. Pixels
+that were not corrected are not converted: they keep their bits.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,23 +16,24 @@ from ..scene import FloatArray, Window
 Raw = npt.NDArray[Any]
 Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
-"""The largest values of float32, which many programs write as nodata without declaring it; also in float64 files,
-besides the largest value of float64."""
+"""Numbers of a floating-point file between these, of either sign, are not valid: many programs write the largest
+float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
 _CONVERTED_AT_ONCE = 1 << 16
-"""Values of a band processed at a time; whole tiles do not fit into the processor's cache, which makes a correction a
-tenth slower."""
+"""Values of a band that are processed at a time. Whole tiles do not fit into the processor's cache: with them, a
+correction takes a tenth longer."""
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """float32 for int8..uint16, float16 and float32; float64 for anything wider."""
+    """Type of the physical values, given the type of the file: float32 for up to 16 bits and float32, else float64."""
     single = np.dtype(np.float32)
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
 
 def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
-    """value = raw * scale + offset; NaN where not valid, not finite, or at the limit of float32 or float64.
+    """Physical values, raw * scale + offset; NaN where not valid, not finite, or the largest float32 or float64.
 
-    Arrays are (band, row, column); `valid` is None if everything is valid. The result has `physical_dtype`.
+    Arrays are (band, row, column); `valid` is None if all values are valid. `scales` and `offsets` have one entry per
+    band. The type of the result is `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):
@@ -51,7 +52,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
 
 
 def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
-    """Band and rows of parts of a (band, row, column) array that fit into the processor's cache."""
+    """Yield band and rows of the parts of a (band, row, column) array; each part fits into the processor's cache."""
     bands, rows, columns = shape
     step = max(1, _CONVERTED_AT_ONCE // max(1, columns))
     for band in range(bands):
@@ -60,9 +61,9 @@ def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
 
 
 def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
-    """Mask of values other than nodata, (band, row, column); None if there is no nodata.
+    """Mask (band, row, column) of the values that are not nodata; None if no value is nodata.
 
-    A nodata value of NaN, or one that the type cannot hold, is ignored here.
+    `nodatas` has one entry per band. NaN, and a number that the type cannot hold, are ignored here.
     """
     valid = None
     for band, nodata in enumerate(nodatas):
@@ -77,7 +78,7 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
 
 
 def _is_endless(values: Raw) -> Valid:
-    """Mask of infinities, and of the largest values of the type or of float32."""
+    """Mask of floating-point values that are infinite, or the largest float32 or float64 of either sign."""
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
@@ -86,7 +87,7 @@ def _is_endless(values: Raw) -> Valid:
 
 
 def holds(dtype: npt.DTypeLike, number: float) -> bool:
-    """Whether an integer type can hold a number; always True for floating-point types."""
+    """Whether an integer type can hold a number without change; always True for floating-point types."""
     if np.dtype(dtype).kind not in "iu":
         return True
     limits = np.iinfo(dtype)
@@ -99,9 +100,9 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
-    """File values in another type, and the mask of clipped values (None if there can be none).
+    """Convert file values to another type; return them and the mask of clipped values (None if none can be clipped).
 
-    Values are rounded to the nearest integer and saturate; NaN becomes 0.
+    For an integer type, values are rounded to the nearest integer and clipped to its range; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -122,15 +123,16 @@ def encode(
     where: Valid | None = None,
     nodata: float | None = None,
 ) -> tuple[Valid, Valid]:
-    """Put corrected values of some bands (0-based) into `raw`, (band, row, column), in its type and in place.
+    """Write the `physical` values of some bands (0-based) into `raw`, in the type of `raw` and in place.
 
-    raw = (physical - offset) / scale; integers are rounded to nearest (ties to even) and saturate. Values that are not
-    finite, and pixels outside `where` (row, column), leave `raw` as it is. No value is left on `nodata`.
+    raw = (physical - offset) / scale, both (band, row, column). Integers are rounded to nearest (ties to even) and
+    clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
+    where `physical` is not finite, nor outside `where` (row, column).
 
     Returns
     -------
     (len(bands), row, column) ndarrays of bool
-        Where a value is negative, and where it was clipped to what the type can hold or moved off `nodata`.
+        Two masks: negative physical values; and values that were clipped, with integers that were moved off `nodata`.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):
@@ -148,7 +150,11 @@ def encode(
 
 
 def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
-    """Store values in the type of a band, avoiding its nodata; return the mask of clipped values."""
+    """Write `put` into `raw` in the type of `raw`, where `good`; all are (row, column).
+
+    Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of
+    values that were clipped, and of integers that were moved. `put` may be changed.
+    """
     whole = raw.dtype.kind in "iu"
     outside = np.zeros(raw.shape, np.bool_)
     if whole:
@@ -181,10 +187,10 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Numbers of a file in the type, and with the nodata, of another, and where a valid number was clipped.
+    """Convert file values to the type and nodata of an output; return them, and the mask of clipped valid values.
 
-    `own` is the present nodata value of each band; further entries are ignored. `raw` is overwritten if the type is the
-    same.
+    Arrays are (band, row, column); the mask is None if none can be clipped. `own` is the present nodata of each band;
+    further entries are ignored. `raw` is overwritten if the type is the same.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
@@ -201,18 +207,18 @@ def relaid(
 class FlatField:
     """Vignetting and row gradient of a capture by a frame camera.
 
-    Values are corrected when read, black + (value - black) * factor, with a factor for each pixel. They become floating
-    point; scale and offset of the file still apply.
+    File values are corrected while they are read: black + (value - black) * factor, with one factor per pixel. The
+    result is floating point; the scale and offset of the file are applied to it.
     """
 
-    black: float = 0.0  # number in the file without any light
-    centre: tuple[float, float] = (0.0, 0.0)  # column and row of the middle of the vignette [pixel]
-    polynomial: tuple[float, ...] = ()  # p1, p2 ... of 1 + p1 r + p2 r^2 + ..., r: distance from the centre [pixel]
-    corrects: bool = False  # the polynomial is the correction itself, not the fall-off that is to be corrected
-    row_gradient: float = 0.0  # rows are brighter by 1 + row_gradient * row
+    black: float = 0.0  # file value of a pixel that gets no light
+    centre: tuple[float, float] = (0.0, 0.0)  # column and row of the centre of the vignette [pixel]
+    polynomial: tuple[float, ...] = ()  # p1, p2, ... of v = 1 + p1 r + p2 r^2 + ...; r: distance from `centre` [pixel]
+    corrects: bool = False  # True: v is the factor; False: v is the fall-off of light, by which values are divided
+    row_gradient: float = 0.0  # a row is too bright by the factor 1 + row_gradient * row
 
     def factor(self, window: Window) -> npt.NDArray[np.float32]:
-        """Factor of each pixel of a window, (row, column)."""
+        """Factor of each pixel of a window, (row, column) [1]."""
         (top, bottom), (left, right) = window
         rows = np.arange(top, bottom, dtype=np.float64)[:, np.newaxis]
         columns = np.arange(left, right, dtype=np.float64)
@@ -222,7 +228,7 @@ class FlatField:
         return found.astype(np.float32)
 
     def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
-        """Correct the values of a window in place, except nodata."""
+        """Correct the file values `raw` (row, column) of a window in place, except values that equal `nodata`."""
         light = raw - np.float32(self.black)
         corrected = light * self.factor(window) + np.float32(self.black)
         np.copyto(raw, corrected, where=True if nodata is None else raw != nodata)

@@ -22,16 +22,16 @@ HTTP_PATIENCE = {
     "GDAL_HTTP_MAX_RETRY": "3",
     "GDAL_HTTP_RETRY_DELAY": "1",
 }
-"""Timeouts of servers [s, byte/s], unless set in the process's environment: for connecting, for slow transfers, and for
-one response; number of retries of a temporary error."""
+"""GDAL options for servers, unless set in the process's environment: timeout for connecting [s]; a transfer slower than
+a limit [byte/s] for a time [s] fails; timeout of one response [s]; number and delay [s] of retries after an error."""
 
 READ_LIMITS = {
-    "DEGLINT_MAX_PIXELS": 1 << 40,  # of a raster: 1 048 576 x 1 048 576
-    "DEGLINT_MAX_BLOCK_MB": 1024,  # of a block, all bands of it if they are interleaved by pixel [2^20 byte]
-    "DEGLINT_INFO_SECONDS": 60,  # that `deglint info` takes for a scene [s]
+    "DEGLINT_MAX_PIXELS": 1 << 40,  # pixels of a raster: 1 048 576 x 1 048 576
+    "DEGLINT_MAX_BLOCK_MB": 1024,  # size of a block, with all bands if they are interleaved by pixel [2^20 byte]
+    "DEGLINT_INFO_SECONDS": 60,  # time that `deglint info` may take for a scene [s]
 }
 """Limits that environment variables of the same names override."""
-MOST_BANDS = 8192
+MOST_BANDS = 8192  # allowed number of bands of a raster
 
 
 def environment() -> Any:
@@ -49,12 +49,12 @@ def environment() -> Any:
 
 
 def enter_thread() -> None:
-    """Enter the environment permanently in the calling worker thread."""
+    """Enter deglint's rasterio environment in the calling worker thread, until the thread ends."""
     environment().__enter__()
 
 
 def check_size(dataset: Any, path: str) -> None:
-    """Reject an open dataset whose declared size exceeds the limits."""
+    """Raise InputError if the declared size of an open dataset exceeds the limits."""
     pixels, most = dataset.width * dataset.height, limit("DEGLINT_MAX_PIXELS")
     if pixels > most:
         raise InputError(
@@ -75,7 +75,7 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def limit(name: str) -> int:
-    """A limit of `READ_LIMITS`, or what the environment variable says."""
+    """Value of a limit: the environment variable called `name` if it is set, else the entry of `READ_LIMITS`."""
     text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))

@@ -1,4 +1,4 @@
-"""Properties of a raster file, which an output keeps.
+"""Properties of a raster file that are copied to an output.
 
 Opening and describing a file reads its header and tags, never a pixel. Every error is one line, and distinguishes a
 missing file from one that GDAL cannot read.
@@ -20,7 +20,7 @@ from .convert import FlatField, same_nodata
 from .environment import check_size
 
 Tags = Mapping[str, Mapping[str, str]]
-"""Tags by namespace; the default namespace is ""."""
+"""Values of tags, by namespace and name; the default namespace is ""."""
 
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
 REMOTE_NAME = re.compile(
@@ -40,56 +40,59 @@ _FILE_KINDS = (
     (rb"[\t\n\r\x20-\x7e\x80-\xff]+\Z", f"is a text file. {_OTHERWISE}"),
     (rb"", f"is of no format that is known. {_OTHERWISE}"),
 )
-"""What a file is whose beginning matches, and what to do; the first match counts."""
+"""Patterns of the first bytes of a file; and for each, what such a file is, and a remedy. The first match counts."""
 _opening = threading.Lock()
 
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """Properties of a raster without its pixels; tuples have one entry per scene band."""
+    """Properties of a raster without its pixels.
+
+    All tuples except `paths` and `gcps` have one entry per band of the scene: the bands of the file without alpha.
+    """
 
     paths: tuple[str, ...]  # GDAL names of what was opened
     driver: str  # GDAL's short name of the format ("GTiff")
     height: int  # rows
     width: int  # columns
-    dtypes: tuple[str, ...]
-    nodatas: tuple[float | None, ...]  # as the bands declare them, or as the caller said
-    scales: tuple[float, ...]
+    dtypes: tuple[str, ...]  # names of numpy types
+    nodatas: tuple[float | None, ...]  # as the file declares them, or as the caller gave them
+    scales: tuple[float, ...]  # physical value = file value * scale + offset
     offsets: tuple[float, ...]
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
     colorinterp: tuple[str, ...]  # GDAL's colour interpretation ("gray", "undefined")
-    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* as the file has them, not of changed pixels
+    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* describe the input's pixels
     band_tags: tuple[Tags, ...] = field(repr=False)
-    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; none: a mask of its own
-    block_shapes: tuple[tuple[int, int], ...]  # rows and columns
+    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; empty: a mask of its own
+    block_shapes: tuple[tuple[int, int], ...]  # rows and columns of a block
     tiled: bool = False
-    alpha: int | None = None  # 1-based number of the alpha band in the file; it is no scene band
-    compression: str | None = None  # this and the next two as GDAL spells them, in lower case
+    alpha: int | None = None  # 1-based number of the alpha band in the file; it is no band of the scene
+    compression: str | None = None  # this and the next two: as GDAL names them, in lower case
     predictor: str | None = None
     interleave: str | None = None
     crs: Any = None  # as rasterio gives it
-    transform: Any = None  # None where the file has none
+    transform: Any = None  # affine, from column and row to map coordinates; None where the file has none
     gcps: tuple[Any, ...] = ()  # ground control points
     gcps_crs: Any = None
     rpcs: Any = None  # rational polynomial coefficients
-    flat: FlatField | None = None  # what is corrected while the file is read; `dtypes` are those that come of it
-    nodata_given: bool = False  # the caller has said what nodata is, so that pixels are not asked
-    offset_given: bool = False
+    flat: FlatField | None = None  # correction that is applied while the file is read; `dtypes` are the types after it
+    nodata_given: bool = False  # the caller gave the nodata: undeclared nodata is not searched for in the pixels
+    offset_given: bool = False  # the caller gave the offsets
 
     @property
     def count(self) -> int:
-        """Number of scene bands."""
+        """Number of bands of the scene."""
         return len(self.dtypes)
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type that can hold every band; that of the bands if they agree."""
+        """The smallest type that can hold the values of every band."""
         return np.result_type(*(np.dtype(d) for d in self.dtypes))
 
     @property
     def nodata(self) -> float | None:
-        """The nodata value, if all bands agree on one."""
+        """The nodata value if it is the same in all bands, else None."""
         first = self.nodatas[0]
         return first if all(same_nodata(first, n) for n in self.nodatas) else None
 
@@ -98,7 +101,7 @@ class RasterInfo:
 def quiet() -> Iterator[None]:
     """Ignore the warnings of libraries about a file, such as rasterio's about rasters without georeferencing.
 
-    One thread at a time is in the block, as Python's warning filters are global.
+    Only one thread at a time executes the block, as Python's warning filters are global.
     """
     with _opening, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -106,7 +109,7 @@ def quiet() -> Iterator[None]:
 
 
 def open_dataset(path: str) -> Any:
-    """Open a raster for reading with rasterio; errors become one-line errors."""
+    """Open a raster for reading; ReadError (one line) if GDAL cannot open it, InputError if it exceeds the limits."""
     import rasterio
 
     try:
@@ -134,7 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """Text for a local file that GDAL cannot read: "it is ...", and what to do.
+    """What a local file is that GDAL cannot read, and a remedy: a text to follow the word "it".
 
     The format is recognised from the content, as file endings are often wrong.
     """
@@ -152,7 +155,7 @@ def _what_instead(path: str) -> str:
 
 
 def remedy(path: str) -> str:
-    """Possible cause and remedy for a file that cannot be read."""
+    """Sentences for a message: a possible cause why a file cannot be read, and a remedy."""
     if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
@@ -162,7 +165,7 @@ def remedy(path: str) -> str:
 
 
 def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
-    """Exception classes of rasterio and GDAL, and the given ones: rasterio passes some of GDAL's errors through."""
+    """Exception classes of rasterio and GDAL, followed by `more`: rasterio passes some of GDAL's errors through."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -170,7 +173,7 @@ def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
 
 
 def one_line(error: BaseException) -> str:
-    """First line of the message of an error, or of its cause."""
+    """First line, without a full stop, of the message of an error, or of its cause if it has one."""
     text = str(error.__cause__ or error).strip() or type(error).__name__
     return text.splitlines()[0].rstrip(".")
 
@@ -178,8 +181,9 @@ def one_line(error: BaseException) -> str:
 def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
     """Properties of an open dataset; no pixel is read.
 
-    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band is a
-    scene band if it has a name, or with `alpha_is_band`.
+    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band becomes
+    a band of the scene if it has a name (without "alpha" in it), or with `alpha_is_band`. Raises ReadError if the
+    header is damaged, InputError if there is no usable band or if the transform cannot be inverted.
     """
     try:
         info = _described(dataset, path, alpha_is_band)
@@ -197,7 +201,7 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
 
 
 def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
-    """Properties of a file, as `describe`."""
+    """Open a file and return its properties, as `describe` does."""
     with open_dataset(path) as dataset:
         return describe(dataset, path, alpha_is_band=alpha_is_band)
 
@@ -261,7 +265,7 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 
 def _check_length(dataset: Any, path: str) -> None:
-    """Reject a raw file that is shorter than its header states: GDAL would return zeros for the rest."""
+    """Raise ReadError if a raw file is shorter than its header states: GDAL would return zeros for the rest."""
     if dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)

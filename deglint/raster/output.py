@@ -2,7 +2,8 @@
 
 An output is written to a scratch file in the same directory and moved into place at the end. After an error, a full
 disk or Ctrl-C an existing file is unchanged and no scratch file is left. The output is a tiled GeoTIFF with its header
-before its data: a valid cloud-optimised GeoTIFF, with overviews from 1,024 pixels on (`--co OVERVIEWS=NONE`: none).
+before its data: a valid cloud-optimised GeoTIFF (COG). Images of 1,024 pixels or more on the longer side get overviews,
+which are reduced copies of the image, unless the creation option OVERVIEWS is NONE.
 """
 
 import contextlib
@@ -24,24 +25,24 @@ from ..scene import Window
 from .info import RasterInfo, open_dataset, quiet
 from .scratch import DISK_FULL, Scratch, free_bytes, write_errors
 
-BLOCK = 512  # side of the output's blocks [pixel] if those of the input are not suitable
-OVERVIEWS_FROM = 1024  # longer side from which an image has overviews [pixel], as COG validators require
-_SMALLEST_OVERVIEW = 512  # largest longer side of the smallest overview [pixel], as in GDAL's COG driver
-_SIDES = (64, 128, 256, BLOCK)
+BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
+OVERVIEWS_FROM = 1024  # longer side from which on an image gets overviews [pixel], as COG validators require
+_SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
+_SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
 _FLAG_COLOURS = (
     (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
     (213, 94, 0),
 )  # fmt: skip
-"""Red, green, blue of the bits of a raster of flags, the lowest first; colours suitable for colour-blind readers (Okabe
-and Ito 2008, https://jfly.uni-koeln.de/color/)."""
+"""Red, green and blue for each bit of a raster of flags, the lowest bit first; the colours suit colour-blind readers
+(Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
-"""Entries of a profile that are not creation options: a copy takes them from its source."""
+"""Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
-"""Entries of a profile for a file without compression, which is applied when the blocks are arranged."""
+"""Entries with which a file that gets overviews is first written; `add_overviews` copies it with all options."""
 
 
 def levels(height: int, width: int) -> list[int]:
-    """Factors of the overviews of an image, such as [2, 4]."""
+    """Reduction factors of the overviews of an image of a size [pixel], such as [2, 4]; empty for a small one."""
     side = max(height, width)
     count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
     return [2 << k for k in range(count)]
@@ -49,33 +50,39 @@ def levels(height: int, width: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Properties of an output."""
+    """How an output raster is written: its bands, type, nodata, tile size and GDAL creation options.
 
-    info: RasterInfo  # the input's properties, of which everything that holds for the output is kept
+    All other properties come from the input (`info`).
+    """
+
+    info: RasterInfo  # properties of the input; those that also hold for the output are kept
     bands: tuple[int, ...]  # 0-based bands of `info` that the output has
-    dtype: str
+    dtype: str  # name of a numpy type
     nodata: float | None = None
-    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options, which win over the defaults
-    scaled: bool = True  # the values are the file's own: keep scale, offset, unit, colour and mask
-    names: tuple[str, ...] | None = None  # band descriptions in place of the input's
-    masked: bool = False  # the file gets a mask, 0 where a pixel is not valid
-    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; blocks fit, each is written once
-    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: what each bit means
+    options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options; they override the defaults
+    scaled: bool = True  # the values are file values of the input: keep scale, offset, unit and colour
+    names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
+    masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
+    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
+    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: meaning of each bit (1, 2, 4, ...)
 
     @property
     def overviews(self) -> bool:
-        """Whether the output has overviews: it is large, and the creation option OVERVIEWS is not NONE."""
+        """Whether overviews (reduced copies of the image) are added to the file.
+
+        The longer side has at least `OVERVIEWS_FROM` pixels, and the creation option OVERVIEWS is not NONE.
+        """
         given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 
     @property
     def holds_flags(self) -> bool:
-        """Whether the output holds flags (unscaled bytes), which get a colour table and are not averaged."""
+        """Whether this is a raster of flags (bytes, not `scaled`); it gets a colour table and no averaged overviews."""
         return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
     def block(self) -> tuple[int, int]:
-        """Rows and columns of the output's blocks: those of the input if it is tiled and they fit the tiles."""
+        """Rows and columns of a block of the output: as in the input if it is tiled and its blocks fit `tile`."""
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
             _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)
@@ -84,8 +91,8 @@ class Layout:
 
 
 def _block_side(tile: int, size: int, own: int) -> int:
-    """Side of blocks that divide a tile, given the side of the image and of the input's blocks."""
-    whole = tile >= size  # one tile: blocks of any size are written once
+    """Side of a block [pixel], given the sides of a tile, of the image (`size`) and of the input's blocks (`own`)."""
+    whole = tile >= size  # the tile spans the image, so that a block of any size is written once
     if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
         return own
     if whole:
@@ -94,9 +101,10 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """Writer of a GeoTIFF in a scratch file, window by window, by one thread; messages name the target.
+    """Writer of a GeoTIFF, window by window, for one thread.
 
-    Use as a context manager: the file is closed and checked at the end, or abandoned after an error.
+    `path` is the scratch file that is written; messages name `target`, the final file. Use as a context manager: at the
+    end the file is closed and checked; after an error it is only closed.
     """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
@@ -109,13 +117,13 @@ class RasterWriter:
         with _refusals(target, layout.options), write_errors(target):
             with quiet():
                 self._dataset = rasterio.open(path, "w", **profile)
-                if layout.overviews:  # the options are possible; they count when the blocks are put in order
+                if layout.overviews:  # the options were accepted; they are used when the blocks are arranged
                     self._dataset.close()
                     plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
                     self._dataset = rasterio.open(path, "w", **plain)
             _describe(self._dataset, layout)
             if layout.masked:
-                # the mask's header goes before the data, too
+                # the header of the mask must precede the data, too
                 self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
 
     def __enter__(self) -> Self:
@@ -129,13 +137,13 @@ class RasterWriter:
                 self._dataset.close()
 
     def write(self, block: npt.NDArray[Any], window: Window) -> None:
-        """Write all bands of a window; a single band may be (row, column)."""
+        """Write all bands of a window; `block` is (band, row, column), or (row, column) for a single band."""
         block = block[None] if block.ndim == 2 else block
         with write_errors(self.target):
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
-        """Write the mask of a window, if the output has one."""
+        """Write the mask (row, column) of the valid pixels of a window, for an output with a mask."""
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
@@ -150,7 +158,7 @@ class RasterWriter:
 
 @contextlib.contextmanager
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Turn GDAL's warnings on creation options, unknown or not applicable, into errors."""
+    """Raise InputError at the end of the block if GDAL warned of an unknown or inapplicable creation option."""
     said: list[str] = []
 
     def listen(record: logging.LogRecord) -> bool:
@@ -170,7 +178,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path) -> None:
-    """Check that all blocks are inside the file: GDAL does not report errors when it closes a file."""
+    """Check at four blocks per band that the file is complete, as GDAL reports no errors when it closes a file."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
@@ -186,18 +194,18 @@ def _check_whole(path: Path, target: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A GeoTIFF that is written at once: a (band, row, column) array, and what is said of it."""
+    """Content of a GeoTIFF that is written at once: a (band, row, column) array and its metadata."""
 
     array: npt.NDArray[Any]
-    meaning: str
-    names: tuple[str, ...]
+    meaning: str  # of the values, for the tag MEANING
+    names: tuple[str, ...]  # one entry per band, as in the tuples below if they are not empty
     units: tuple[str, ...] = ()
     scales: tuple[float, ...] = ()
     band_tags: tuple[Mapping[str, str], ...] = ()
     tags: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, path: Path, **options: Any) -> None:
-        """Write the file; `options` are those of `rasterio.open`."""
+        """Write the file; `options` are passed to `rasterio.open`."""
         import rasterio
 
         count, height, width = self.array.shape
@@ -220,9 +228,10 @@ class Layer:
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
     """Add overviews to a closed GeoTIFF, and arrange its blocks for a COG.
 
-    GDAL appends overviews. A COG needs all headers first, then the blocks of the smallest overview, and those of the
-    image last: GDAL's GTiff driver writes that order when it copies the file. `options` are its creation options. An
-    overview holds the mean of the valid pixels, or without `average` (flags) the nearest pixel.
+    GDAL appends overviews to the file. A COG needs all headers first, then the blocks of the smallest overview, and the
+    blocks of the image last. GDAL's GTiff driver writes this order when it copies a file; `options` are the creation
+    options of the copy. A pixel of an overview is the mean of the valid pixels in it, or without `average` (for flags)
+    the nearest pixel.
     """
     import rasterio
     from rasterio.enums import Resampling
@@ -241,7 +250,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """A `RasterWriter` for each of several images, given by name with target and layout."""
+    """Open a `RasterWriter` for each of several images; both dictionaries are by the name of the image."""
     with contextlib.ExitStack() as stack:
         yield {
             name: stack.enter_context(RasterWriter(scratch.add(target), target, layout))
@@ -250,23 +259,23 @@ def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> 
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
-    """Write a small text file."""
+    """Write a small text file in UTF-8."""
     write_bytes(scratch, target, text.encode())
 
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
-    """Write a small file."""
+    """Write the bytes of a small file to the scratch file of `target`."""
     with write_errors(target):
         scratch.add(target).write_bytes(data)
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:
-    """Write values as JSON; NaN and infinity become null."""
+    """Write values to a JSON file; NaN and infinity become null."""
     write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """The value as numbers, text, lists and dicts for JSON; NaN and infinity become None."""
+    """Convert a value to numbers, texts, lists and dicts for JSON; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -306,7 +315,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 
 def _describe(dataset: Any, layout: Layout) -> None:
-    """Write all metadata; before the first pixel, so that the header comes first in the file."""
+    """Write all metadata. This precedes the first pixel, so that the header comes first in the file."""
     from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 
@@ -346,12 +355,12 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Check that the disk has space for the uncompressed pixels, before work starts."""
+    """Raise WriteError if the disk lacks space for the uncompressed pixels of a file that is not compressed at once."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return
     need = layout.info.height * layout.info.width * len(layout.bands) * np.dtype(layout.dtype).itemsize
-    if layout.overviews:  # a third more, and all of it copied once into order
+    if layout.overviews:  # overviews add a third; an uncompressed copy takes the same space again
         need = need * (4 if packed else 8) // 3
     if need > (free := free_bytes(directory)):
         raise WriteError(

@@ -1,6 +1,6 @@
 """Write a plan: a picture (.png), numbers (.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif).
 
-All files of a plan are written, or none.
+A plan has values for each viewing geometry (zenith and azimuth of the sensor). All its files are written, or none.
 """
 
 import json
@@ -18,13 +18,17 @@ from .scratch import Scratch, write_errors
 from .targets import Reads, check_targets
 
 Content = bytes | Mapping[str, Any] | Callable[[Path], None]
+"""Content of a file: bytes, values for JSON, or a function that writes the file with a given path."""
 _SIGNED = {"software": f"deglint {__version__}"}
 
 
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Check, before any computation, that the outputs can be written; `reads` as in `check_targets`."""
+    """Check, before any computation, that the outputs can be written and end in one of `kinds` (".png", ...).
+
+    `reads` are the names of input files, as in `check_targets`.
+    """
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
@@ -32,7 +36,7 @@ def check_plan(
 
 
 def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan (`deglint.plan.Reticle`) to every target, by its ending; `picture` returns the PNG."""
+    """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` makes the PNG."""
     from ..plan import dataset
 
     makers: Mapping[str, Callable[[], Content]] = {
@@ -45,7 +49,7 @@ def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes],
 
 
 def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
-    """Write pictures or text (bytes), numbers (for JSON), and what a function writes into a path, or none of them."""
+    """Write the content of several files by their paths: all of them, or none."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             if isinstance(data, Mapping):
@@ -68,7 +72,7 @@ def _netcdf(data: Any, path: Path) -> None:
 
 
 def _geotiff(plan: Any, path: Path) -> None:
-    """One band a layer, columns azimuths, rows zenith angles, both in degrees; no CRS."""
+    """Write one band per layer; columns are azimuths, rows are zenith angles, both in degrees; there is no CRS."""
     from affine import Affine
 
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer

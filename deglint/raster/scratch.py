@@ -1,7 +1,8 @@
 """Atomic writing of several files: either all are written, or none.
 
-A run writes scratch files in the directory of its outputs and renames them when all are complete. Meanwhile signals are
-held; a failed move is undone. Scratch files of killed runs are removed by the next run with the same output.
+A run writes scratch files in the directory of its outputs and renames them when all are complete. Signals are held
+while files are renamed. If one cannot be renamed, the earlier ones get their old names again. Scratch files of killed
+runs are removed by the next run with the same output.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class Scratch:
     """Files that are written together, or not at all.
 
     Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
-    them all. The first file added is moved last: if it exists, so do the others. Existing files are replaced with
-    `overwrite` only.
+    them all. The first file added is moved last: if it exists, so do the others. Existing files are replaced only with
+    `overwrite`.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
@@ -42,13 +43,13 @@ class Scratch:
         return self
 
     def add(self, target: Path) -> Path:
-        """Create the name of a scratch file beside `target`."""
+        """Return the path of a new scratch file in the directory of `target`; the caller writes that file."""
         _clear_scratch(target.resolve())
         self._files[target] = _beside(target.resolve(), "part")
         return self._files[target]
 
     def file(self, target: Path) -> Path:
-        """The scratch file of a target that was added."""
+        """Path of the scratch file of a target that was added."""
         return self._files[target]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -60,7 +61,7 @@ class Scratch:
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every file; after an error, rename them back in reverse."""
+        """Rename every scratch file to its target; after an error, undo this in reverse order and raise WriteError."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -92,9 +93,9 @@ class Scratch:
 
 @contextlib.contextmanager
 def _signals_held() -> Iterator[None]:
-    """Hold signals within the block; afterwards they are raised again.
+    """Hold signals that arrive within the block, and raise them at its end.
 
-    This works in the main thread only, where interruptions are raised.
+    This has an effect in the main thread only, as Python handles signals there.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -114,7 +115,7 @@ def _signals_held() -> Iterator[None]:
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:
-    """Create a directory for outputs if it is missing."""
+    """Create a directory for outputs if it is missing; WriteError if that fails."""
     try:
         directory.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
@@ -123,7 +124,7 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory against other batches; the lock ends with the process."""
+    """Lock a directory against other batches during the block; WriteError if another batch holds the lock."""
     path = directory / ".deglint-batch.lock"
     with path.open("wb") as file:
         try:
@@ -146,12 +147,12 @@ def claimed(directory: Path) -> Iterator[None]:
 
 
 def _beside(place: Path, ending: str) -> Path:
-    """A new hidden name beside an output, with the number of this process."""
+    """A new hidden name in the directory of an output (`place`), with the number of this process in it."""
     return place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}.{ending}{place.suffix}")
 
 
 def _clear_scratch(place: Path) -> None:
-    """Remove scratch files that ended processes left beside an output."""
+    """Remove scratch files of an output (`place`) whose processes have ended."""
     if sys.platform == "win32":
         return  # os.kill would end the process there
     for path in place.parent.glob(f".{glob.escape(place.name)}.*-*.part*"):
@@ -170,13 +171,13 @@ def _discard(*paths: Path) -> None:
 
 
 def free_bytes(directory: Path) -> int:
-    """Free bytes on a disk."""
+    """Free space of the disk that holds a directory [byte]."""
     return shutil.disk_usage(directory).free
 
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Turn errors while a file is written into one-line errors."""
+    """Turn errors that occur while `target` is written into WriteError or InputError with one line of text."""
     try:
         yield
     except WriteError:

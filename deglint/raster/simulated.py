@@ -16,9 +16,9 @@ from .output import Layer, write_json
 from .scratch import Scratch, write_errors
 from .targets import check_targets
 
-CRS = "EPSG:32610"
+CRS = "EPSG:32610"  # of every scene: UTM zone 10 north
 CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
-SIMULATED_UNIT = "W m-2 sr-1 nm-1"
+SIMULATED_UNIT = "W m-2 sr-1 nm-1"  # of radiance
 
 
 def write_scene(
@@ -26,8 +26,8 @@ def write_scene(
 ) -> list[Path]:
     """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
 
-    `truth` selects the files of truth: all, none, or a collection of suffixes such as "_truth_water". Either all files
-    are written or none; their names are returned.
+    `stem` is ``DIR/NAME``. `truth` selects the files of truth: all (True), none (False), or a collection of suffixes
+    such as "_truth_water". Either all files are written or none; their paths are returned.
     """
     from affine import Affine
 
@@ -63,7 +63,7 @@ def _base(stem: str | Path) -> Path:
 
 
 def layers_of(scene: Any) -> dict[str, Layer]:
-    """Files of a scene by suffix."""
+    """The image and the truth of a scene as layers, by the suffix of their files ("" for the image)."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
@@ -113,7 +113,7 @@ def _tags(setup: Any) -> dict[str, str]:
 
 
 def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
-    """All parameters and results of a scene, for its JSON."""
+    """All parameters of a scene and statistics of each band, for its JSON file; `files` are file names by suffix."""
     import scipy
 
     setup, light = scene.setup, scene.light

@@ -31,15 +31,15 @@ class FileBands:
 
     path: str  # GDAL name
     indexes: tuple[int, ...]  # 1-based bands of the file, in scene order
-    nodatas: tuple[float | None, ...]  # value that says "not valid", one a band
-    masked: bool = False  # the file has a mask, of all bands or of each
+    nodatas: tuple[float | None, ...]  # value that means "not valid", one per band
+    masked: bool = False  # the file has a mask, for all bands together or for each band
     alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
-    flat: FlatField | None = None  # corrects the numbers as they are read
-    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # how rasterio's WarpedVRT puts it on the grid
+    flat: FlatField | None = None  # corrects the file values while they are read
+    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # of rasterio's WarpedVRT, to resample the file
 
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
-        """All bands of one described file; `nodatas` override those of `info`."""
+        """All bands of the file that `info` describes; `nodatas` override the nodata of `info`."""
         return cls(
             path=info.paths[0],
             indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
@@ -53,8 +53,8 @@ class FileBands:
 class RasterSource:
     """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
 
-    `files` are in scene order; `info` has the properties of the scene's bands. It can be pickled; the copy opens the
-    files again.
+    `files` are in the order of the scene's bands; `info` has the properties of these bands. A source can be pickled;
+    the copy opens the files again.
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
@@ -63,15 +63,15 @@ class RasterSource:
         self._start()
 
     def _start(self) -> None:
-        self.deadline = math.inf  # reads later than this time of time.monotonic() are an error [s]
-        self.pixels_read = 0
+        self.deadline = math.inf  # time of time.monotonic() after which reads raise ReadError [s]
+        self.pixels_read = 0  # pixels of all reads so far
         self._lock = threading.Lock()
         self._idle: list[list[Any]] = []
         self._closed = False
-        self.settled = False  # whether the pixels were asked what the file does not declare
+        self.settled = False  # whether undeclared nodata and offset were searched for in the pixels
 
     def declared(self, info: RasterInfo) -> Self:
-        """The same pixels with another declared nodata and offset."""
+        """A copy of this source with the nodata and offsets of `info`; it is marked as `settled`."""
         left = iter(info.nodatas)
         found = copy.copy(self)
         found.files = tuple(replace(f, nodatas=tuple(islice(left, len(f.indexes)))) for f in self.files)
@@ -79,7 +79,7 @@ class RasterSource:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """The files by absolute paths, for processes in another directory; other GDAL names are unchanged."""
+        """Files with absolute paths, as the copy may be used in another directory; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
         return {"files": tuple(replace(f, path=p) for f, p in zip(self.files, paths, strict=True)), "info": self.info}
 
@@ -130,13 +130,13 @@ class RasterSource:
         """All bands of a window as file values, (band, row, column), and the mask of valid pixels.
 
         Values have the file's type (the smallest common one where bands differ). Validity follows from nodata, mask and
-        alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity are not considered here,
-        not even if nodata is NaN, but in `to_physical`. Errors are those of `read`.
+        alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid here,
+        even if nodata is NaN; `to_physical` makes them NaN. Raises the errors of `read`.
         """
         return self._read(window, range(self.info.count))
 
     def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
-        """The result of `read`, from that of `read_raw`: scale and offset applied, NaN where not valid; a new array."""
+        """Physical values as from `read`, in a new array; the arguments are the two results of `read_raw`."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
     def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
@@ -159,7 +159,7 @@ class RasterSource:
             raise ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}") from error
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
-        """File values, and their validity from masks, alpha and nodata (None: all valid)."""
+        """File values (band, row, column), and their validity from masks, alpha and nodata (None: all valid)."""
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, self.info.dtype), None
@@ -174,7 +174,7 @@ class RasterSource:
             indexes = [file.indexes[b] for b in own]
             if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
                 dataset.read(indexes, window=window, out=part)
-            else:  # rasterio reads bands of several types one by one only
+            else:  # rasterio cannot read bands of several types at once
                 for numbers, i in zip(part, indexes, strict=True):
                     dataset.read(i, window=window, out=numbers)
             known = _validity(file, dataset, part, own, window)
@@ -191,7 +191,7 @@ class RasterSource:
 
     @contextmanager
     def _datasets(self) -> Iterator[list[Any]]:
-        """The open datasets of the files for this thread; returned to the pool."""
+        """Open datasets of all files, for one thread; at the end of the block they return to the pool."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
@@ -207,8 +207,8 @@ class RasterSource:
 class ArraySource(RasterSource):
     """Pixels of a scene from a (band, row, column) numpy or dask array; reads return copies.
 
-    Of a lazy array only the requested window is computed. `origin` is the row and column in the scene of the array's
-    first pixel, if the array is a part of the scene.
+    Of a dask array only the requested window is computed. If the array is a part of the scene, `origin` is the row and
+    column of its first pixel in the scene.
     """
 
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:

@@ -1,8 +1,8 @@
 """Names of files: which files are read for an input, and whether an output may be written.
 
-No input file is replaced, nor any of the files that GDAL reads with it (nested sources of VRTs included), and no
-existing file without permission. Files are compared by device and inode, so that links and other spellings are
-recognised; names of files that do not exist are compared after resolution.
+An output never replaces an input file or a file that GDAL reads with it (nested sources of VRTs included), and replaces
+another existing file only with permission. Files are compared by device and inode, so that links and other spellings
+are recognised; names of files that do not exist are compared after resolution.
 """
 
 import os
@@ -36,8 +36,8 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
     """All files that are read for these names, each once: the names themselves, then the files that belong to them.
 
-    Names are GDAL names, folders or text files. Names that are not files ("auto", "0,0,10,10") are skipped. For a file
-    in an archive, the archive is included. Files that cannot be opened are included by name only.
+    Names are GDAL names, folders or text files. For a file in an archive, the archive is added. For names that are not
+    files ("auto", "0,0,10,10") and files that cannot be opened, no further files are added.
     """
     given = dict.fromkeys(map(str, names))
     found = {identity(name): name for name in reversed(given)}
@@ -48,7 +48,7 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
 
 
 def _read_with(name: str) -> Iterator[str]:
-    """The files that GDAL lists for a raster, or for the VRTs among its sources, and the archives they lie in."""
+    """Files that GDAL lists for a raster and for the VRTs among its sources, and the archives that contain them."""
     yield from _local(name)
     waiting, seen = [name, *_local(name)], set[str]()
     while waiting:
@@ -71,7 +71,7 @@ def _read_with(name: str) -> Iterator[str]:
 
 
 def _local(name: str) -> list[str]:
-    """The local file that a GDAL name refers to, or the archive that it lies in."""
+    """The local file or archive that a GDAL name such as "/vsizip/a.zip/b.tif" refers to; empty for a plain path."""
     bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
     if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
         return []
@@ -81,8 +81,8 @@ def _local(name: str) -> list[str]:
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
     """Check, before anything is written, that outputs can and may be written.
 
-    `reads` are all input names of a run, each with all files behind it; names that are not files ("auto") are skipped.
-    With `overwrite`, existing files may be replaced, but no input file.
+    `reads` are all input names of a run, by role; all files behind them are protected, and names that are not files
+    ("auto") are skipped. With `overwrite`, existing files may be replaced, but no input file.
     """
     check_apart(targets)
     check_unread(targets, reads or {})
@@ -113,7 +113,7 @@ def check_unread(targets: Sequence[Path], reads: Reads) -> None:
             held.setdefault(identity(file), f"is {what}" if file in given else f"is read with {what}")
             beside |= {identity(companion): file for companion in _companions(Path(file))}
     for target in targets:
-        for path in (target, *_companions(target)):  # an image that is replaced takes its old companions with it
+        for path in (target, *_companions(target)):  # when an image is replaced, its old companions are deleted
             if found := held.get(identity(path)):
                 lost = "it would be written over, and would be lost"
                 raise InputError(f"{path} {found}: {lost}. Give that output another name.")
@@ -126,7 +126,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Check that one output can be written; inputs are not considered, see `check_targets`."""
+    """Check that one output can be written; `check_targets` also compares it with the inputs."""
     if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
@@ -143,14 +143,14 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 
 
 def check_images(*paths: Path | None) -> None:
-    """Check that the names of GeoTIFFs have not the ending of another format; None is skipped."""
+    """Check that the names of GeoTIFFs do not have the ending of another format; None is skipped."""
     for path in paths:
         if path is not None and path.suffix.lower() in OTHER_FORMATS:
             check_ending(path, "a GeoTIFF", ".tif")
 
 
 def check_ending(path: Path | None, what: str, *endings: str) -> None:
-    """Check that a name, if there is one, has one of the endings of `what` is written."""
+    """Check that a name, unless it is None, has one of the endings; `what` is the content, for the message."""
     if path is not None and path.suffix.lower() not in endings:
         name = path.with_suffix(endings[0]).name
         raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")

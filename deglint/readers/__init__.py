@@ -1,7 +1,7 @@
 """From files to a `Scene`: open them, identify the bands, and find the near infrared.
 
-These modules read headers, tags and names, and pixels only where these do not say what a band is. Conclusions are
-recorded in `Scene.notes`, one line each.
+Opening a scene reads headers, tags and names only. Later, `undeclared` reads a sample of the pixels if a file does not
+declare nodata or offset. Conclusions are recorded in `Scene.notes`, one line each.
 """
 
 from .opening import open_scene

@@ -31,15 +31,15 @@ _FAR = 1e9  # polygon corners further from the scene than this are an error [pix
 
 @dataclass(frozen=True)
 class Area:
-    """A part of a scene."""
+    """A part of a scene: its bounding window, and a function that returns its mask in any window."""
 
-    bounds: Window  # the smallest window of the scene that contains it; empty ranges if it lies outside
-    read: Callable[[Window], Mask]  # (row, column) array of any window, True inside
-    note: str = ""  # what was assumed of it
+    bounds: Window  # window that contains the area; `open_area` clips it to the scene
+    read: Callable[[Window], Mask]  # mask (row, column) of any window, True inside the area
+    note: str = ""  # what was assumed about its CRS
 
 
 def window_area(bounds: Window) -> Area:
-    """A rectangle of pixels."""
+    """The area of all pixels in a window."""
     return Area(bounds, partial(_in_window, bounds))
 
 
@@ -51,13 +51,13 @@ def _in_window(bounds: Window, window: Window) -> Mask:
 
 
 def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
-    """True where a pixel's centre lies in a polygon; shapes and transform are in the scene's coordinates."""
+    """Mask (row, column) of `window`: pixels whose centres lie in a polygon; `shapes` are in the CRS of the scene."""
     from rasterio.features import geometry_mask
 
     (top, bottom), (left, right) = window
     out = np.zeros((bottom - top, right - left), np.bool_)
     shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, bounds, strict=True)]
-    # always the same squares are drawn: a centre that lies on an edge falls to the same side in every window
+    # the squares do not depend on the window, so that a centre on an edge falls to the same side in every window
     across, down = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
     for row, column in product(across, down):
         cell = geometry_mask(shapes, (_POLYGON_CELL, _POLYGON_CELL), _moved(transform, column, row), invert=True)
@@ -69,15 +69,15 @@ def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Wi
 
 
 def _in_raster(source: RasterSource, window: Window) -> Mask:
-    """True where a one-band mask on the scene's grid is valid and nonzero."""
+    """Mask (row, column) of `window`: pixels where a one-band raster on the grid of the scene is valid and nonzero."""
     values = source.read(window, [0])[0]
     return np.asarray(np.isfinite(values) & (values != 0))
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area given by an option: a GeoJSON file, a mask raster, or a window of pixels.
+    """The area that the value `text` of an option gives: a GeoJSON file, a mask raster, or a window of pixels.
 
-    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin.
+    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin. InputError if it lies off the scene.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -96,10 +96,10 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """Polygons of a GeoJSON document, in the scene's coordinates.
+    """The area of the polygons in a GeoJSON document; `name` is for messages.
 
-    The CRS is that of the document's member `crs`, else longitude and latitude (RFC 7946). Coordinates that cannot be
-    longitude and latitude are assumed to be in the scene's CRS, as are all if the scene has no CRS.
+    The member `crs` of the document names its CRS. Without it, coordinates are longitude and latitude (RFC 7946), or
+    in the CRS of the scene if they are too large for that. If the scene has no CRS, they are in its coordinates.
     """
     from rasterio.transform import Affine
     from rasterio.warp import transform_geom
@@ -108,7 +108,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     if not shapes:
         raise InputError(f"{name} holds no polygon. Draw the area as Polygon or MultiPolygon features.")
     note = ""
-    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # or longitudes of 0-360
+    if scene.crs and not document.get("crs") and (np.abs(_corners(shapes)) > (360, 90)).any():  # longitude to 360
         note = f"{name} names no CRS, and is not in longitude and latitude: the CRS of the scene is assumed"
         log.info("%s", note)
     elif scene.crs is not None:
@@ -129,7 +129,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
 
 
 def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
-    """x and y of every corner, (corner, 2)."""
+    """x and y of every corner of GeoJSON polygons, (corner, 2)."""
     return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 
 
@@ -145,7 +145,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection in the scene's CRS, named as GDAL and QGIS name it."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS, which it names in the form of GDAL and QGIS."""
     document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:
@@ -154,7 +154,7 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
 
 
 def _moved(transform: Any, column: int, row: int) -> Any:
-    """The affine transform of a window that begins at a column and row."""
+    """The affine transform of a window whose first pixel is at `column` and `row` of a raster with `transform`."""
     from rasterio.transform import Affine
 
     x, y = at(transform, column, row)
@@ -162,7 +162,7 @@ def _moved(transform: Any, column: int, row: int) -> Any:
 
 
 def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
-    """Type and coordinates of every geometry in a GeoJSON document, whatever wraps it."""
+    """Yield type and coordinates of every geometry in a GeoJSON document: in features and collections, too."""
     waiting = [document]
     while waiting:
         node = waiting.pop()
@@ -175,7 +175,7 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
-    """The checked polygons of a document: closed rings of (x, y), each of at least three different points."""
+    """Yield the polygons of a document with closed rings of (x, y); InputError if a ring has under three corners."""
     for kind, coordinates in geometries(document):
         several = kind == "MultiPolygon" and isinstance(coordinates, list)
         for polygon in coordinates if several else [coordinates] if kind == "Polygon" else []:
@@ -189,7 +189,7 @@ def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that a GeoJSON document names, else that of longitude and latitude."""
+    """The CRS that a GeoJSON document names, by default WGS 84 longitude and latitude."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -216,7 +216,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
     whole = ((0, scene.height), (0, scene.width))
     apart = info.crs is None or scene.crs is None
-    if apart and (info.height, info.width) == (scene.height, scene.width):  # the size alone says where it lies
+    if apart and (info.height, info.width) == (scene.height, scene.width):  # equal size: the grid of the scene
         return Area(whole, partial(_in_raster, RasterSource([FileBands.of(info)], info)))
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(

@@ -23,20 +23,20 @@ _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
-_CLOSE = 1e-3  # tolerance between coordinates and a declared transform [pixel]
+_CLOSE = 1e-3  # allowed difference between coordinates and a declared transform [pixel]
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayScene:
-    """A DataArray as a scene, and the conversion of results to its shape; a lazy array stays lazy."""
+    """A scene from a DataArray, and the conversion of results to DataArrays; a lazy (dask) array stays lazy."""
 
     scene: Scene
-    values: Any
-    array: Any
-    _ordered: Any  # the array with the dimensions of band (if there is one), rows and columns alone, in this order
+    values: Any  # (band, row, column) numpy or dask array
+    array: Any  # the DataArray that was given
+    _ordered: Any  # `array` with the dimensions band (if it has one), rows and columns only, in this order
 
     def like(self, values: Any) -> Any:
-        """A DataArray with these (band, row, column) values, and all other properties of the original."""
+        """A DataArray with these (band, row, column) values, and the dimensions and attributes of `array`."""
         out = self._ordered.copy(data=values if self._ordered.ndim == 3 else values[0])
         further = [d for d in self.array.dims if d not in out.dims]
         found = self.array.copy(data=out.expand_dims(further).transpose(*self.array.dims).data)
@@ -45,7 +45,7 @@ class ArrayScene:
         return found
 
     def plane(self, values: Any, name: str) -> Any:
-        """A DataArray with these (row, column) values; georeferencing is kept, properties of bands are not."""
+        """A DataArray called `name` with these (row, column) values; of the attributes, only georeferencing is kept."""
         first = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True)
         out = first.copy(data=values)
         out.name = name
@@ -60,12 +60,13 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     Parameters
     ----------
     array : DataArray
-        Dimensions y and x (or latitude and longitude, ...), and band if there are several, in any order; others, such
-        as time, of size 1. Wavelengths [um up to 30, else nm] or common names in coordinates or attributes.
+        Its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any order;
+        other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are read
+        from coordinates or attributes.
     sensor : str, optional
         Name of a preset, as in `deglint.open_scene`.
     nodata : float or "none", optional
-        Nodata value (or NaN), overriding that of the array; "none": every value is valid.
+        Nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -89,7 +90,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
 
 
 def axes(array: Any) -> tuple[Any, Any, Any]:
-    """Names of the dimensions of rows, columns and bands (None if there is only one band)."""
+    """Names of the dimensions of rows, columns and bands (None without a dimension of bands)."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
@@ -110,7 +111,7 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     named = array.encoding.get("grid_mapping", array.attrs.get("grid_mapping", "spatial_ref"))
     grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
     stated = {**array.attrs, **lists}
-    encoded = array.encoding if array.dtype.kind in "iu" else {}  # real numbers were decoded to NaN
+    encoded = array.encoding if array.dtype.kind in "iu" else {}  # in floating-point arrays nodata has become NaN
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
         dtypes=(dtype,) * count, nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
@@ -125,9 +126,10 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
 
 
 def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
-    """Attributes with one entry per band, for the bands in the array.
+    """Attributes that are lists with one entry per band, reduced to the bands in the array.
 
-    Selecting bands does not change attributes: if bands are numbered, as by rioxarray, the numbers select the entries.
+    When bands are selected in xarray, such lists keep the entries of all bands. If the bands are numbered from 1, as by
+    rioxarray, the numbers select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -145,7 +147,7 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
 def _bands(
     array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
 ) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
-    """Names of the bands, and tags of each from coordinates along them and from attributes."""
+    """Names of the bands, and tags of each band; both from coordinates along the bands and from attributes."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
         for name, coord in array.coords.items()
@@ -188,7 +190,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(value: Any) -> str:
-    """An attribute as text for a tag."""
+    """An attribute as text for a tag: "{1, 2}" for a list."""
     value = _plain(value)
     return "{" + ", ".join(str(_plain(v)) for v in value) + "}" if isinstance(value, (list, tuple)) else str(value)
 
@@ -206,7 +208,7 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
-    """The transform from the coordinates; the declared one if it agrees, for its exact numbers."""
+    """The affine transform from the coordinates; a declared one is used if it agrees, as its numbers are exact."""
     from affine import Affine
 
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
@@ -225,6 +227,6 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
         return own
     first, last = (~stated * (own * at) for at in ((0, 0), (len(x), len(y))))
     same_size = all(abs(b - a - n) < _CLOSE for a, b, n in zip(first, last, (len(x), len(y)), strict=True))
-    # coordinates are those of centres, or of corners as stackstac has them
+    # coordinates are of the centres of pixels, or of their corners (stackstac)
     same_place = any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5))
     return stated if same_size and same_place else own

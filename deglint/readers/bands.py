@@ -1,7 +1,7 @@
 """The bands of a scene: their names and wavelengths, from tags, names and the sensor's preset.
 
-Properties in the file are kept; missing ones come from the preset, matched by name, else by wavelength, else by the
-number of bands.
+Properties in the file are kept; missing ones come from the preset of the sensor. Its bands are matched by name, else by
+wavelength, else by their number.
 """
 
 import re
@@ -30,13 +30,17 @@ from .spectral import Spectral, saturation, spectral_of, time_offset, with_spect
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 _SENTINEL2 = re.compile(r"b0\d|b0?8a")
 _PRESET_TITLES = {"sentinel2": "Sentinel-2", "landsat8": "Landsat 8 or 9"}
-_NEAR_BAND = 30.0  # [nm] a band this near to a preset's band may be that band
-_SAME_BAND = 60.0  # [nm] a band farther off than this is not the one that its place in the order says
+_NEAR_BAND = 30.0  # largest difference at which wavelengths are matched [nm]
+_SAME_BAND = 60.0  # a larger difference shows that the order of bands is not the preset's [nm]
 _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellite", "platform", "instrument")
 
 
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
-    """Bands of a scene, the sensor preset that was used, and notes; `stems` are names for unnamed bands."""
+    """Bands of a scene, the name of the sensor preset that was used (or None), and notes.
+
+    `stems` has, for each band, the name of its file without ending, which is used for a band without a name; or "".
+    `sensor` is the preset or .toml file that the user selected.
+    """
     names, unnamed = _names(info, stems)
     bands = [
         Band(
@@ -54,7 +58,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A description with names, wavelengths and widths of the bands, so that an output has them too."""
+    """A copy of `info` with the names, wavelengths and widths of the bands, so that an output has them, too."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
@@ -65,11 +69,11 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """The bands filled from the preset that is given, else from the one that a tag of the dataset names if it fits."""
+    """Fill the bands from the selected preset, else from a preset that a tag of the file names, if it fits."""
     if sensor is not None:
         asked = sensor_of(sensor)
         bands, notes = apply_sensor(bands, asked, unnamed)
-        # the file of a sensor of one's own is its name: it is looked up again by it
+        # a user's sensor is called by its file, from which it is read again later
         return bands, sensor if sensor.lower().endswith(".toml") else asked.name, notes
     tags = (tag for space in info.tags.values() for tag in space.items())
     named = (sensors.find(value) for name, value in tags if name.strip().lower() in _SENSOR_TAGS)
@@ -84,7 +88,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Wavelengths from band names: codes of a sensor if they are unambiguous, else colour words."""
+    """Fill missing wavelengths from names: unambiguous codes of a sensor, else colours; return the bands, and notes."""
     if all(b.wavelength is not None for b in bands):
         return bands, []
     notes = []
@@ -104,10 +108,10 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 
 def _dialect(names: Sequence[str]) -> Sensor | None:
-    """The sensor that the names identify by unambiguous codes or words.
+    """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Sentinel-2: B02 with its zero, B8A, B12; or B8 without B5, as Landsat's B8 is panchromatic. Landsat 8 and 9: SR_B6,
-    which the surface reflectance of Landsat 4 to 7 lacks.
+    Sentinel-2 is identified by B02 (with the zero), B8A or B12; or by B8 without B5, as Landsat's B8 is panchromatic.
+    Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
     """
     plain = [sensors.normalise(n) for n in names]
     codes = {c for n in names if (c := band_code(n))}
@@ -122,7 +126,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
     """One name per band, and the 0-based bands whose name is only their number.
 
-    The name is the description, else that of the file or the colour, else "band N".
+    The name is the description of the band, else the name of its file, else its colour, else "band N".
     """
     names, unnamed = [], set()
     for i, (described, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
@@ -144,7 +148,7 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
 def apply_sensor(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[Band], list[str]]:
-    """Fill wavelength, width, time offset and group of bands from a preset; returns the bands, and notes.
+    """Fill missing wavelengths, widths, time offsets and groups from a preset; return the bands, and notes.
 
     `unnamed` are the 0-based bands whose name is only their number; they get the preset's name.
     """
@@ -167,7 +171,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for every band of a file, and how they were matched."""
+    """The preset's band for each band (None: no match), and how they were matched; BandError if it does not fit."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"
@@ -200,7 +204,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
-    """The band of a preset with a name: by name or alias, without prefixes such as "sr_", or by code."""
+    """The band of a preset with this name, alias (a prefix such as "sr_" is ignored) or code; None without a match."""
     if answers := [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
     code = band_code(name)

@@ -1,8 +1,7 @@
-"""Put several files on one grid: the choice of the grid, and resampling of the files.
+"""Put several files on one grid: choose the grid, and resample the files.
 
-The grid is that of the file with the smallest pixels, or of a selected file. A file on this grid is read unchanged;
-others are resampled while being read: bilinear if their pixels are larger, by averaging if they are smaller, in their
-own type.
+The grid comes from the file with the smallest pixels, or from a selected file. Files on other grids are resampled while
+they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
 """
 
 import math
@@ -15,13 +14,13 @@ from ..raster import FileBands, RasterInfo, RasterSource
 from ..raster.info import describe_file
 from ..scene import Scene
 
-_OFF = 0.01  # [pixel] grids that differ by less than this are the same
+_OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """The source of each file on the common grid, the description of the file with that grid, and notes.
+    """Put files on one grid: return a `FileBands` for each, the description of the file with that grid, and notes.
 
-    `grid` is "finest" (the default), a file by its 1-based number, or by its name or the end of it.
+    `grid` is "finest" (the default), or selects a file by its 1-based number, its name or the end of its name.
     """
     files = [FileBands.of(info) for info in infos]
     _check_georeference(infos)
@@ -50,7 +49,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
 
 def _called(info: RasterInfo) -> str:
-    """The file's name; for a product's file of one band, the band's name."""
+    """Name of a file for notes; for a file of a product with one band, the name of the band."""
     named = info.count == 1 and "product" in info.tags.get("", {})
     return str(info.descriptions[0] if named else info.paths[0])
 
@@ -81,7 +80,7 @@ def _check_georeference(infos: Sequence[RasterInfo]) -> None:
 
 
 def _transform(info: RasterInfo | Scene) -> Any:
-    """The file's transform; without one, a transform to the unit square."""
+    """The affine transform of a file; if it has none, a transform to the unit square."""
     from affine import Affine
 
     if info.transform is not None:
@@ -90,7 +89,7 @@ def _transform(info: RasterInfo | Scene) -> Any:
 
 
 def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
-    """Left, bottom, right and top of a file, and the area of its pixels, in the CRS of the first file."""
+    """Bounds (left, bottom, right, top) of a file and the area of its pixels, in the CRS of the file `first`."""
     transform = _transform(info)
     xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
@@ -105,7 +104,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
-    """Whether a file has a given grid: its size, and corners at most `_OFF` apart."""
+    """Whether a file has the grid of `reference`: equal size, CRS and corners; a missing CRS or transform is equal."""
     if (info.height, info.width) != (reference.height, reference.width):
         return False
     if info.crs != reference.crs and None not in (info.crs, reference.crs):
@@ -117,20 +116,20 @@ def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
 
 
 def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
-    """Column and row of the corners of a raster."""
+    """Column and row [pixel] of the four corners of a raster."""
     return [(column, row) for column in (0, info.width) for row in (0, info.height)]
 
 
 def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Affine transform of a point or of arrays, written out: versions of affine differ in the operator for it."""
+    """Apply an affine transform to a point or to arrays; the operator for it differs between versions of affine."""
     t = transform
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """A file of class numbers on the grid of another, by nearest neighbour.
+    """Source that reads a file of class numbers on another grid, by nearest neighbour.
 
-    `nodata` overrides that of the file.
+    `nodata` overrides the nodata of the file.
     """
     file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
     if not same_grid(info, grid):
@@ -140,10 +139,10 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
-    """Detector number of each pixel of each band on the grid of the scene, NaN without a detector.
+    """Source of the detector number of each pixel, on the grid of the scene; NaN for pixels without a detector.
 
-    `paths` are GDAL names of Sentinel-2's MSK_DETFOO of each band: rasters in products since baseline 04.00; the GML of
-    older ones is not read.
+    `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. They are rasters in products since
+    baseline 04.00; the GML files of older products are not read.
     """
     each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
     facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
@@ -155,8 +154,8 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
-    anywhere = CRS.from_epsg(3857)  # stands for "the same plane" where files have no crs
-    file = replace(file, flat=None)  # it holds for the file's own pixels
+    anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
+    file = replace(file, flat=None)  # the correction holds only for pixels that are not resampled
     warp: dict[str, Any] = {
         "src_crs": info.crs or anywhere,
         "crs": reference.crs or anywhere,

@@ -1,4 +1,4 @@
-"""Information in a band's name: its wavelength ("Blue-444", "490 nm"), its colour ("Red Edge"), its code ("SR_B2").
+"""Information in the name of a band: wavelength ("Blue-444", "490 nm"), colour ("Red Edge") and code ("SR_B2").
 
 Colour words give only nominal wavelengths (a "red" band is assumed to be near 660 nm). A code such as "B8" depends on
 the sensor and is interpreted by the sensor presets.
@@ -31,10 +31,10 @@ _WORDS = {
     2200.0: "swir2 swir22",
 }
 """Colour words (lower case, letters and digits only), by their nominal centre [nm]."""
-NOMINAL = {word: centre for centre, words in _WORDS.items() for word in words.split()}
+NOMINAL = {word: centre for centre, words in _WORDS.items() for word in words.split()}  # [nm]
 
 _LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 720.0, "n": 840.0, "nir": 840.0}
-"""Colours as single letters; used only if all bands are named so."""
+"""Centres [nm] of colours that are given by letters; used only if the names of all bands are such letters."""
 
 _WITH_UNIT = re.compile(
     r"(?<![\d.])(\d+(?:\.\d+)?)\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
@@ -43,22 +43,23 @@ _NAME_PREFIX = (
     r"(?:(?:nbart|nbar|sr|toa|boa|refl|reflectance|srefl|surface|lambertian|l1c|l2a|adjusted|radiance|rad|rho[a-z]{0,3}|"
     r"rrs|image)[\s_\-.]+)*"
 )
-"""Prefixes for the kind of value (surface reflectance, ...) that providers put before the name of a band."""
+"""Prefixes that providers put before the name of a band, for its physical quantity (surface reflectance, ...)."""
 _BARE = re.compile(
     _NAME_PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
 )
 _CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
 _PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
-_RANGE = (380.0, 2500.0)  # numbers in a name that can be a wavelength [nm]
-_YEARS = (1970.0, 2100.0)  # a number in this range without unit may be a year
+_RANGE = (380.0, 2500.0)  # a number in a name can be a wavelength in this range [nm]
+_YEARS = (1970.0, 2100.0)  # a number without a unit in this range can be a year
 _NEAR_NOMINAL = 0.4
-"""A number beside a colour word is a wavelength if it differs by less than this share from the nominal one."""
+"""A number beside a colour word is a wavelength if it differs from the nominal one by less than this share."""
 
 
 def wavelength_in_name(name: str) -> float | None:
     """Wavelength [nm] given as a number in a name.
 
-    A number is accepted with a unit, beside a matching colour word, or if the name has nothing else but a prefix.
+    A number is accepted with a unit, beside a colour word with a similar wavelength, or if the rest of the name is only
+    a prefix. None if there is no such number.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
@@ -82,7 +83,7 @@ def wavelength_in_name(name: str) -> float | None:
 
 
 def nominal_wavelength(name: str) -> float | None:
-    """Nominal wavelength [nm] of a colour word in a name, or None.
+    """Nominal wavelength [nm] of the colour word in a name; None if it has none, or words of several colours.
 
     >>> nominal_wavelength("Red Edge"), nominal_wavelength("B5 - Near Infrared"), nominal_wavelength("pan")
     (720.0, 840.0, None)
@@ -91,38 +92,38 @@ def nominal_wavelength(name: str) -> float | None:
     for length in (3, 2, 1):
         joined = ("".join(words[i : i + length]) for i in range(len(words) - length + 1))
         if found := {NOMINAL[word] for word in joined if word in NOMINAL}:
-            return found.pop() if len(found) == 1 else None  # None where two colours are named
+            return found.pop() if len(found) == 1 else None
     return None
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); else None of each."""
+    """Nominal wavelengths [nm] of bands that are all called by letters (R, G, B, NIR); otherwise None for each."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]
 
 
 def band_code(name: str) -> str | None:
-    """The code of a band in its name, without leading zeros."""
+    """The code in the name of a band, without leading zeros: "2" for "SR_B02"; None if there is none."""
     found = _CODE.fullmatch(name.strip().lower())
     return found[1] if found else None
 
 
 def plain_name(name: str) -> str:
-    """A name without prefixes for the kind of value, in lower case."""
+    """The name of a band without the prefix for its quantity, in lower case: "b2" for "SR_B2"."""
     text = name.strip().lower()
     rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
 
 
 def only_numbered(names: Sequence[str]) -> bool:
-    """Whether names are only the numbers of the bands: "Band 1", "Band 2", ..."""
+    """Whether the names only number the bands in order: "Band 1", "Band 2", ..."""
     found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
     return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Distinguishing parts of the names of one-band files, as names of bands."""
+    """Names of bands from names of files with one band: the code ("B08"), else the part that differs between files."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
     rest = list(stems)
     if len(stems) > 1 and all(stems):
@@ -139,7 +140,7 @@ def short_names(stems: Sequence[str]) -> list[str]:
 
 
 def example_names(count: int) -> str:
-    """Example of names for `--bands`, for messages; abbreviated above 20 bands."""
+    """Example of `count` names for `--bands`, for messages; it is abbreviated for more than 20 bands."""
     if count > 20:
         return f"b1,b2,...,b{count}"
     return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])

@@ -1,6 +1,6 @@
 """Open files as a `Scene`.
 
-Opening reads headers and tags only. Names may be GDAL names (`/vsizip/`, `zip://`, `/vsis3/`).
+Opening reads headers and tags, no pixels. Names may be GDAL names (`/vsizip/`, `zip://`, `/vsis3/`).
 """
 
 from __future__ import annotations
@@ -47,28 +47,28 @@ def open_scene(
     scale: Numbers | None = None,
     offset: Numbers | None = None,
 ) -> Scene:
-    """Open a raster or product, or several of the same place, as a scene; no pixel is read.
+    """Open one or several rasters or products of the same place as a scene; no pixel is read.
 
     Parameters
     ----------
     path : str, path or sequence of them
-        GDAL name(s), products (a folder, an archive or a metadata file), or a STAC Item (a file or URL), which stands
-        for its bands. Bands of several files are stacked in the order given, on one grid: bilinear for larger pixels,
-        averaged for smaller ones, in their own type.
+        GDAL names, products (a folder, an archive or a metadata file), or STAC Items (a file or URL), which stand for
+        their bands. Bands of several files are stacked in the order given, on one grid; larger pixels are resampled
+        bilinearly, smaller ones are averaged, in the type of their file.
     sensor : str, optional
-        Name of a preset (`deglint.sensors.names`) or of a .toml file, that fills in what the file does not say of its
-        bands. By default the one that a tag of the file names, if it fits.
+        Name of a preset (`deglint.sensors.names`) or of a .toml file, which supplies the properties of bands that the
+        file does not state. By default, the preset that a tag of the file names, if it fits.
     nir : str, int or sequence, optional
-        Near-infrared band(s), checked and noted; see `find_nir`.
+        Near-infrared band(s) as in `find_nir`; they are checked, and recorded in `Scene.notes`.
     nodata : float or "none", optional
-        Number (or NaN) that says "not valid"; "none": every number is data.
+        File value (or NaN) of pixels that are not valid, in all bands; "none": every value is data.
     grid : str or int, optional
-        Whose grid to use: "finest" (the default), or a file by 1-based number or name.
+        The file whose grid is used: "finest" (the smallest pixels, the default), or a 1-based number or a name.
     bands, wavelengths : str or sequence, optional
         Name ("blue,green,red,nir") and centre [nm, or um up to 30] of every band, in order.
     scale, offset : float or sequence of float, optional
-        One number, or one a band: physical value = number in the file * scale + offset. These five options count
-        more than what the files say.
+        One number, or one for each band: physical value = file value * scale + offset. `nodata`, `bands`,
+        `wavelengths`, `scale` and `offset` override the properties in the files.
 
     Returns
     -------
@@ -78,8 +78,8 @@ def open_scene(
     Raises
     ------
     ReadError, InputError, BandError
-        No raster that GDAL can read; no bands, complex numbers, files that do not overlap, or an option out of range;
-        a preset or near-infrared band that does not fit the bands.
+        ReadError: GDAL cannot read a file. InputError: a file has no bands or complex numbers, files do not overlap,
+        or an option is out of range. BandError: a preset or near-infrared band does not fit the bands.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def _stacked(
 def _opened(
     paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
 ) -> list[products.OpenedFiles]:
-    """The described files behind the names, with the properties from STAC Items; notes are appended to `notes`."""
+    """Describe the files that the names stand for, with properties from STAC Items; notes are appended to `notes`."""
     assets = [asset for path in paths for asset in stac.assets_of(path)]
     alone = stated.count if len(assets) == 1 else None
     found = []
@@ -144,7 +144,7 @@ def _opened(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
-    """Description of a file; alpha is a band if it is selected, or if the number of bands requires it."""
+    """Describe a file. Its alpha band is a band of the scene if `nir` selects it or the number of bands requires it."""
     info = describe_file(path)
     if info.alpha is None:
         return info
@@ -157,7 +157,7 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 
 
 def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
-    """Whether the number of stated bands, or of the sensor's, matches only with alpha."""
+    """Whether the number of bands that the user states (`count`), or of the sensor, matches only with alpha."""
     if sensor is None or count == info.count + 1:
         return count == info.count + 1
     known = sensor_of(sensor)
@@ -165,7 +165,11 @@ def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> boo
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
-    """The nodata of each band: the caller's, else that of the file if its type can hold it."""
+    """A copy of `info` with the nodata to use for each band.
+
+    `nodata` is used for all bands if given; a text ("none") means no nodata. Otherwise the nodata of the file is kept,
+    or dropped, with a note, where the type of the band cannot hold it. InputError if a type cannot hold `nodata`.
+    """
     if nodata is not None:
         given = None if isinstance(nodata, str) else float(nodata)
         for dtype in info.dtypes:
@@ -182,7 +186,7 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
-    """One description of the stack: bands of all files, grid and format of the reference."""
+    """One description of all files: their bands in order, with the grid and format of the file `reference`."""
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
@@ -194,18 +198,18 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
 
 
 def _stem(info: RasterInfo) -> str:
-    """The file name without folder and ending, for files of one band."""
+    """Name of a file with one band, without folder and ending; "" for other files."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
 @dataclass(frozen=True)
 class Stated:
-    """Properties of bands that the user gives, which override those of the file; one entry per band, or none."""
+    """Properties of bands that the user gives; they override the file. Tuples have one entry per band, or none."""
 
     names: tuple[str, ...] = ()
-    wavelengths: tuple[float, ...] = ()  # [nm]
-    scales: tuple[float, ...] = ()  # physical = number in the file * scale + offset
-    offsets: tuple[float, ...] = ()  # of scales and offsets a single entry is for all bands
+    wavelengths: tuple[float, ...] = ()  # centres [nm]
+    scales: tuple[float, ...] = ()  # physical value = file value * scale + offset
+    offsets: tuple[float, ...] = ()  # a single scale or offset is for all bands
 
     @classmethod
     def of(
@@ -221,11 +225,11 @@ class Stated:
 
     @property
     def count(self) -> int | None:
-        """Number of bands that are given one by one."""
+        """Number of bands for which names or wavelengths are given; None if there are none."""
         return max(len(self.names), len(self.wavelengths)) or None
 
     def on(self, info: RasterInfo) -> RasterInfo:
-        """Store the properties in the description of the stacked bands."""
+        """A copy of `info`, which describes all bands, with these properties; InputError if their number differs."""
         total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
         given = {"bands": self.names, "wavelengths": self.wavelengths, "scale": scales, "offset": offsets}

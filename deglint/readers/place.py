@@ -1,4 +1,4 @@
-"""Location of a raster, or of the shapes in a GeoJSON file, and the size of pixels on the ground."""
+"""Location of a raster or of the shapes in a GeoJSON file, and the size of pixels on the ground."""
 
 import math
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from .areas import LONGITUDE_LATITUDE, crs_of, geometries
 from .text import positive, read_json
 
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_TRUE = 0.01  # relative error of lengths in a map projection that is neglected: that of UTM is at most 0.001
+_TRUE = 0.01  # relative error of lengths in a map projection that is neglected; UTM has at most 0.001
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
-    """Sides of the central pixel of a raster on the ground, along rows and along columns [m].
+    """Sides of the central pixel of a raster on the ground [m]: along a row, and along a column.
 
-    Points one pixel apart are placed on the ellipsoid: degrees are not metres, and web Mercator's metres are too long
-    by 1 / cos(latitude). None without a valid CRS and transform.
+    They are distances on the ellipsoid, as coordinates may be degrees, and the metres of web Mercator are too long by
+    1 / cos(latitude). `height` and `width` are the size of the raster [pixel]. None without a valid CRS and transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -46,7 +46,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m]; None if not known."""
+    """Mean side of a pixel on the ground [m], from georeferencing or else the tag GSD_M; None if not known."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
@@ -56,9 +56,9 @@ def pixel_size(scene: Scene) -> float | None:
 
 
 def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
-    """Area of the central pixel of a raster on the ground [m2]; None where `ground_size` is.
+    """Area of the central pixel of a raster on the ground [m2]; None if `ground_size` returns None.
 
-    Rows and columns may be oblique; the angle between them is that in the raster's coordinates.
+    Rows and columns need not be perpendicular; the angle between them is taken from the raster's coordinates.
     """
     sides = ground_size(transform, crs, height, width)
     if sides is None:
@@ -94,7 +94,7 @@ def middle_of(path: str) -> tuple[float, float]:
 
 
 def _points(node: Any) -> Iterator[tuple[float, float]]:
-    """The positions in the coordinates of a geometry, however deep they lie."""
+    """Yield the points (x, y) in the coordinates of a geometry, which are lists nested to any depth."""
     if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
         yield float(node[0]), float(node[1])
     elif isinstance(node, list):

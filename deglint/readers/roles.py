@@ -15,11 +15,11 @@ from .names import band_code, example_names, nominal_wavelength
 Wanted = str | int | Sequence[str | int]
 
 NIR_CENTRE = 842.0
-"""Preferred wavelength of the near infrared [nm]: beyond the red edge, below the absorption of water vapour."""
+"""Preferred wavelength of the near infrared [nm]: longer than the red edge, shorter than absorption by water vapour."""
 _NIR_BEST = (750.0, 900.0)
 _NIR_LAST = (900.0, 1050.0)
 _RED_EDGE, _WATER = 750.0, 700.0
-"""Wavelengths below which plumes and shallow bottoms, and below which water itself, are visible [nm]."""
+"""Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, water itself."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
     "green": [((520.0, 600.0), 555.0)],
@@ -27,7 +27,7 @@ _ROLES = {
     "nir": [(_NIR_BEST, NIR_CENTRE), (_NIR_LAST, NIR_CENTRE)],
     "swir": [((1500.0, 1800.0), 1610.0), ((2000.0, 2400.0), 2200.0)],
 }
-"""Wavelength ranges of each role, the preferred first, and the preferred wavelength in each [nm]."""
+"""For each role, wavelength ranges in order of preference, each with its preferred wavelength [nm]."""
 
 
 def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
@@ -38,8 +38,8 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     scene : Scene
     wanted : str, int or sequence, optional
         Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"); "nir" and "swir" select the matching band. By default
-        the band inside 750-900 nm nearest to 842 nm, else inside 900-1050 nm; never a red-edge band, and shortwave
-        infrared only if selected.
+        the band nearest to 842 nm, inside 750-900 nm if there is one, else inside 900-1050 nm. A red-edge or shortwave
+        infrared band is used only if it is selected.
 
     Returns
     -------
@@ -65,13 +65,14 @@ def explain_nir(scene: Scene, wanted: Wanted | None = None) -> str:
 def band_roles(scene: Scene) -> dict[str, int | None]:
     """0-based index of the blue, green, red, nir and swir band, or None if there is none.
 
-    Each band has one role at most. swir is the band near 1610 nm, else the one near 2200 nm.
+    Each band has at most one role. swir is the band nearest to 1610 nm inside 1500-1800 nm; if there is none, the band
+    nearest to 2200 nm inside 2000-2400 nm.
     """
     return {role: _by_role(scene, role) for role in _ROLES}
 
 
 def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
-    """Bands of the near infrared, and why."""
+    """0-based indexes of the near-infrared bands, and a line that says why."""
     if wanted is None:
         index = _by_role(scene, "nir")
         if index is None:
@@ -88,7 +89,7 @@ def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
 
 
 def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
-    """Notes on bands selected as NIR; BandError for visible bands."""
+    """Warnings on bands that the user selected as NIR, as text; BandError for visible bands."""
     known = _wavelengths(scene)
     for i in indexes:
         if (known[i] or _WATER) < _WATER:
@@ -108,7 +109,7 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
 
 
 def _no_nir(scene: Scene) -> str:
-    """Error message if there is no near-infrared band: why, and what to do."""
+    """Error message for a scene without a near-infrared band: the reason, and a remedy."""
     what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
     alpha = getattr(getattr(scene.source, "info", None), "alpha", None)  # 1-based band of the file
     example = _example_of(scene, hidden=alpha is not None)
@@ -130,7 +131,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example of names of a scene's bands for `--bands`, `hidden`: and of alpha; names of colours are kept."""
+    """Example of names for `--bands`: names of known wavelength are kept. `hidden`: alpha is one more band, the NIR."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)
@@ -143,7 +144,7 @@ def _example_of(scene: Scene, *, hidden: bool) -> str:
 
 
 def split_wanted(wanted: Wanted) -> list[str | int]:
-    """The single names and numbers of a selection of bands ("NIR1,NIR2" is two).
+    """Split a selection of bands into names and numbers.
 
     >>> split_wanted("8, 8A"), split_wanted(8), split_wanted([7, "8,9"])
     (['8', '8A'], [8], [7, '8', '9'])
@@ -160,7 +161,8 @@ def split_wanted(wanted: Wanted) -> list[str | int]:
 def find_band(scene: Scene, wanted: str | int) -> int:
     """0-based index of a band selected by name, by 1-based number, or as "nir", "swir", "red", ...
 
-    A name takes precedence over a number; "8A" also finds "B8A" and "b_8a", and "B2" finds "B02" and "SR_B2".
+    A name takes precedence over a number. "8A" also selects "B8A" and "b_8a"; "B2" also selects "B02" and "SR_B2".
+    BandError if there is no such band.
     """
     (item,) = split_wanted(wanted) if not isinstance(wanted, str) else (wanted,)
     text = normalise(str(item))
@@ -182,7 +184,7 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 
 def _by_role(scene: Scene, role: str) -> int | None:
-    """0-based index of the band nearest to the preferred wavelength of a role, in the first range with a band."""
+    """0-based index of the band with a role: nearest to the preferred wavelength, in the first range with a band."""
     known = [(i, w) for i, w in enumerate(_wavelengths(scene)) if w is not None]
     for (low, high), centre in _ROLES.get(role, ()):
         if inside := [(abs(w - centre), i) for i, w in known if low <= w <= high]:

@@ -1,4 +1,4 @@
-"""The list of scenes of a batch: names, patterns, a CSV, or a STAC ItemCollection."""
+"""List the scenes of a batch from names, patterns, a CSV or a STAC ItemCollection."""
 
 import csv
 import glob
@@ -13,26 +13,26 @@ from .products import name_of
 from .stac import bands_of_item, items_of, read_document
 from .text import read_text
 
-LONGEST_NAME = 150  # longest name of a scene: names of outputs append to it
+LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
 class ListedScene:
-    """A scene of a batch."""
+    """A scene of a batch: its name and its files."""
 
-    name: str  # what its outputs are called after, never a path
+    name: str  # its outputs are called after it; it is never a path
     paths: tuple[str, ...]  # GDAL names of its files
-    item: str = field(default="", compare=False)  # the STAC Item whose bands they are, as `open_scene` takes it
+    item: str = field(default="", compare=False)  # name of the STAC Item that has these files, for `open_scene`
 
     @property
     def source(self) -> list[str]:
-        """Names to open."""
+        """Names for `open_scene`."""
         return [self.item] if self.item else list(self.paths)
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
-    """The scenes given by arguments, in their order.
+    """List the scenes that arguments of a command name, in their order.
 
     Parameters
     ----------
@@ -41,8 +41,8 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
         files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
         optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
     assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order; if empty, the assets declared as bands,
-        else the only raster of role "data", else the only raster.
+        Keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as bands,
+        else the only raster with the role "data", else the only raster.
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
@@ -72,13 +72,13 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 
 
 def _stem(path: str) -> str:
-    """The name of a product, else the file name in a GDAL name without its ending."""
+    """Name of a scene: the name of the product, else the file name without folder and ending."""
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
     return checked_name(name_of(path) or Path(last).stem or last, path)
 
 
 def checked_name(name: str, origin: str) -> str:
-    """Check that a name can be part of a file name."""
+    """Return the name of a scene if it can be part of a file name; else InputError, which names its `origin`."""
     if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "

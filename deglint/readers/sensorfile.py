@@ -18,18 +18,18 @@ _KINDS: Mapping[str, tuple[str, Any]] = {
     "bool": ("true or false", bool),
     "Optics": ("a table", dict),
 }
-"""Types of the fields of a sensor that are not lists: their name in messages, and the type of an entry."""
+"""For each type of a field that is not a list: its name in messages, and the Python type of its value."""
 _BAND, _OPTICS, _SENSOR = (
     {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
 )
 _OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
-"""Types of the entries of a sensor's file."""
-_USUAL_WIDTH = 50.0  # width of a band if not given [nm]: that of most bands of multispectral sensors
-_CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centres [nm]
+"""Types of the entries in a file of a sensor, as text."""
+_USUAL_WIDTH = 50.0  # width of a band if not given [nm], as most bands of multispectral sensors have
+_CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 
 
 def sensor_of(name: str) -> Sensor:
-    """The preset with a name, or the sensor in a ``.toml`` file, named like the file."""
+    """The preset called `name`, or the sensor in the ``.toml`` file called `name`; InputError if it is not valid."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
     document = read_toml(name, "--sensor")
@@ -51,12 +51,12 @@ def sensor_of(name: str) -> Sensor:
 
 @dataclass(frozen=True, slots=True)
 class KnownOptics:
-    """Parameters of a system PSF."""
+    """Parameters of the point spread function of a sensor: optics, detector and motion."""
 
-    f_number: float  # focal length over aperture
-    pitch: float  # of the detector [m]
-    smear: float  # motion during the exposure along the columns [pixel]
-    source: str  # where it was read
+    f_number: float  # focal length divided by the diameter of the aperture
+    pitch: float  # distance between elements of the detector [m]
+    smear: float  # motion during the exposure, along a column [pixel]
+    source: str  # where the numbers come from, as text
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:

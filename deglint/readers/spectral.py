@@ -17,22 +17,22 @@ _WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
 _UNIT_TAG = re.compile(r"wave_?lengths?_units?")
 _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
-_LARGEST_MICROMETRE = 30.0  # a bare wavelength up to this is micrometres
-_WIDEST_MICROMETRE = 1.0  # a bare width below this is micrometres
-SPECTRAL_RANGE = (100.0, 20000.0)  # range of numbers that can be a wavelength [nm]
-_WIDEST_FILLED_TYPE = 16  # [bit] integers up to this width are filled by detectors
+_LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is in micrometres
+_WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
+SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag can be a wavelength in this range [nm]
+_WIDEST_FILLED_TYPE = 16  # detectors fill the range of integers of up to so many bits
 
 
 @dataclass(frozen=True, slots=True)
 class Spectral:
-    """Wavelength and width [nm] of a band, if known."""
+    """Centre wavelength and full width at half maximum of a band [nm], if known."""
 
     wavelength: float | None = None
     width: float | None = None
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
-    """Wavelength and width of every band, from its tags or from a list in the dataset's tags."""
+    """Wavelength and width of every band, from the tags of the band, else from a list in the tags of the file."""
     unit = _first(info.tags, _UNIT_TAG, "")
     wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
     unknown: list[tuple[float | None, str]] = [(None, "")]
@@ -52,7 +52,7 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
 
 
 def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
-    """A description with these wavelengths and widths in the tags of its bands; None keeps the existing ones."""
+    """A copy of `info` with these wavelengths and widths in the tags of its bands; None keeps the tag of the file."""
     every = []
     for own, new in zip(info.band_tags, spectra, strict=True):
         facts = {"wavelength_nm": new.wavelength, "fwhm_nm": new.width}
@@ -62,7 +62,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A file's description with wavelength, width and full scale in the tags of each band, not of the dataset."""
+    """A copy of `info` with wavelength, width and full scale in the tags of each band, from the file if needed."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -71,15 +71,15 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
-    """Time of a band after the first [s], from its tag `time_offset_s`."""
+    """Time of a band after the first band [s], from its tag `time_offset_s`; None without that tag."""
     return number(_first(tags, re.compile("time_offset_s"), ""))
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
     """Physical value from which on a band is saturated; None if not known.
 
-    It is given by the tag FULL_SCALE (of the band or of the dataset, as file value). Without one it is the largest
-    value of an integer type of up to 16 bits, unless that is nodata; detectors do not fill the range of other types.
+    `band` is 0-based. The tag FULL_SCALE of the band or of the file has the file value. Without this tag it is the
+    largest value of an integer type of up to 16 bits, unless that is nodata. Detectors do not fill other types.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -92,7 +92,7 @@ def saturation(info: RasterInfo, band: int) -> float | None:
 
 
 def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default: str) -> str:
-    """The value of the first tag with a matching name, in any namespace."""
+    """The value of the first tag whose name matches `key`, in any namespace; `default` if there is none."""
     return next((value for value, _ in _matching(tags, key)), default)
 
 
@@ -104,7 +104,7 @@ def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> li
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
-    """The first tag that fits and holds so many numbers, each with the unit that name or text state, or ""."""
+    """Numbers in the first tag that matches `key` and has `count` of them, each with its unit in the tag (or "")."""
     for value, match in _matching(tags, key):
         numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == count:
@@ -114,7 +114,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "") -> float | None:
-    """A wavelength in nm; without a unit, its size tells. None for units of other kinds.
+    """Convert a wavelength to nm; without a unit, it is in um up to 30, else in nm. None for frequencies and the like.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
     (490.0, 490, 490.0)

@@ -1,7 +1,7 @@
-"""STAC Items: which assets are bands, and their properties.
+"""STAC Items: find the assets that are bands, and their properties.
 
-An Item can be given wherever a raster can: a local file or a URL, "FILE#ID" for one of an ItemCollection, and
-"FILE#ID#KEY,KEY" for some of its assets.
+The name of an Item can replace the name of a raster: a local file or a URL, "FILE#ID" for an Item of an ItemCollection,
+and "FILE#ID#KEY,KEY" for some of its assets.
 """
 
 import json
@@ -29,19 +29,22 @@ _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "
 """Roles and keys of assets that are pictures or documents, not bands."""
 _NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
 """Common names of bands that are not used: panchromatic (its finer grid would apply to all bands) and thermal."""
-_STAC_PATIENCE = 60.0  # timeout of a server of Items [s]
+_STAC_PATIENCE = 60.0  # timeout of a server that sends Items [s]
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, and the properties of its bands in a STAC Item; empty for a file without Item."""
+    """A file, and the properties of its bands in a STAC Item; there are none for a file without an Item."""
 
-    path: str
+    path: str  # GDAL name
     bands: tuple[ProductBand, ...] = ()
-    tags: Mapping[str, str] = field(default_factory=dict)
+    tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """The file's description with the properties from the Item; those of the file take precedence."""
+        """A copy of the file's description with the properties of the Item, if their numbers of bands are equal.
+
+        Scale, offset and nodata in the file take precedence.
+        """
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
@@ -49,7 +52,7 @@ class Asset:
 
 
 def assets_of(name: str) -> list[Asset]:
-    """The files behind a name: the bands of a STAC Item, or the file itself."""
+    """The files that a name stands for: the assets of a STAC Item that are its bands, or the file itself."""
     found = _NAME.fullmatch(name)
     if found is None or products.name_of(name) is not None:  # a product may have its metadata in JSON
         return [Asset(name)]
@@ -63,21 +66,25 @@ def assets_of(name: str) -> list[Asset]:
 
 
 def files_of(name: str) -> tuple[str, ...]:
-    """GDAL names of the files behind a name: a STAC Item and its bands, those of a product, else the name itself."""
+    """GDAL names of all files that a name stands for.
+
+    For a STAC Item they are the Item and the files of its bands; for a product, the files of the product; otherwise, or
+    if the Item cannot be read, the name itself.
+    """
     try:
         assets = assets_of(name)
         found = tuple(file for asset in assets for file in products.files_of(asset.path))
-    except DeglintError:  # said where it is opened
+    except DeglintError:  # the error is raised when the scene is opened
         return (name,)
     return found if assets == [Asset(name)] else (name.partition("#")[0], *found)
 
 
 def read_document(path: str) -> Mapping[str, Any]:
-    """The JSON object in a file or at a URL."""
+    """The JSON object in a local file or at a URL; ReadError or InputError if there is none."""
     return _fetched(path) if re.match(r"https?://", path, re.IGNORECASE) else read_json(path, "STAC")
 
 
-@lru_cache(maxsize=16)  # an Item is asked for its files, and then opened
+@lru_cache(maxsize=16)  # an Item is read twice: for the names of its files, and to open them
 def _fetched(path: str) -> Mapping[str, Any]:
     from urllib.request import Request, urlopen
 
@@ -95,7 +102,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
 
 
 def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
-    """The Items of an ItemCollection, or the Item in a document."""
+    """The Items in a document, which is an ItemCollection or one Item; InputError for anything else."""
     found = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     items = found if isinstance(found, list) else []
     for i, item in enumerate(items, start=1):
@@ -108,7 +115,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands, selected by `keys` if given."""
+    """The assets of an Item that are its bands: those with the `keys` if given; `path` is the name of the Item."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -129,10 +136,10 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Directions of sun and sensor, from the extension "view" of an Item.
+    """Tags with the directions of sun and sensor [degree], from the extension "view" of an Item.
 
-    `view:azimuth` is interpreted as the direction from the scene to the satellite, as in Items of Sentinel-2 and
-    PlanetScope; the specification is ambiguous.
+    `view:azimuth` is interpreted as the direction from the scene to the satellite. The specification is ambiguous, but
+    Items of Sentinel-2 and PlanetScope use it so.
     """
     names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
              "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
@@ -149,7 +156,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     for key, bands in said.items():
         if len(bands) == 1 and "wavelength" in bands[0] and bands[0].get("common") not in _NOT_BANDS:
             name = str(bands[0]["name"])
-            tiff = "tiff" in str(usable[key].get("type"))  # of a band in two formats, the one that is read in parts
+            tiff = "tiff" in str(usable[key].get("type"))  # of two formats TIFF is used, as it is read in parts
             if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
                 singles[name] = key
     several = [k for k, bands in said.items() if len(bands) > 1]
@@ -170,8 +177,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any], ...]:
     """Properties of the bands of an asset: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
 
-    From STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `applied`: the offset in the Item
-    is already applied to the values.
+    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). With `applied`, the
+    offset in the Item is already applied to the file values, and 0 is returned.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -199,7 +206,7 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
 
 
 def href(asset: Any, path: str) -> str:
-    """GDAL name of an asset; a relative one is resolved from the Item."""
+    """GDAL name of the file of an asset; a relative link is resolved from `path`, the name of the Item."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")

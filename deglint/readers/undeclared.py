@@ -1,6 +1,6 @@
 """Find nodata values and a missing offset that the file does not declare, from a sample of its pixels.
 
-Opening a scene reads no pixels; `settled` is called once, before a scene is examined, fitted or corrected.
+Opening a scene reads no pixels. `settled` is called before a scene is examined, fitted or corrected.
 """
 
 import logging
@@ -21,36 +21,36 @@ from ..scene import Scene
 from ..tiles import Tile
 
 log = logging.getLogger("deglint")
-LOOKED_AT = 400_000  # pixels of a scene that are read; smaller scenes are read as a whole
+LOOKED_AT = 400_000  # pixels of a scene that are read; smaller scenes are read completely
 SAMPLED_SIDE = 128  # side of the tiles that are read [pixel]
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
-"""Share of the pixels above which one value in all bands, at the edge of the image, is nodata; and the same for values
-of 0 and below, which no sensor measures in all bands."""
+"""A value that is equal in all bands is nodata if its areas fill at least this share of the pixels. The second share
+is for values of 0 and below, which no sensor measures in all bands."""
 ALONE = 0.99
-"""The value is nodata of a band if this share of its occurrences is in all bands at once: a band may be 0 in many
-pixels of dark water."""
-SOLID = 8  # inside the image nodata fills squares of this side [pixel]; saturated sparkle does not
+"""The value is nodata of a band if at least this share of the pixels in which the band has it have it in all bands: a
+band may be 0 in many pixels of dark water."""
+SOLID = 8  # inside the image, nodata fills squares of this side [pixel]; saturated sparkle does not
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
-"""Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (DN - 1000) / 10000."""
+"""Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (file value - 1000) / 10000."""
 S2_FLOOR, S2_DARK = (950, 1150), 1300
-"""If the offset is still included, the minimum DN of the darkest band lies in the first range, and the minimum of no
-NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert without the offset is
-brighter."""
-VISIBLE = 700.0  # wavelength beyond which water is dark [nm]
+"""If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
+minimum of a NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert is
+brighter than that even without the offset."""
+VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Undeclared:
-    """Findings: nodata and offset of each band (empty for none), and one line of text each."""
+    """Nodata and offset of each band that were found (empty: none found), and one line of text for each finding."""
 
     nodatas: tuple[float | None, ...] = ()
     offsets: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
 
     def on(self, scene: Scene) -> Scene:
-        """The scene with the findings declared."""
+        """A copy of the scene in which the findings are declared; the scene itself if there are none."""
         if not self.notes or not isinstance(scene.source, RasterSource):
             return scene
         info = scene.source.info
@@ -60,15 +60,16 @@ class Undeclared:
 
 
 def settled(scene: Scene) -> Scene:
-    """The scene with undeclared nodata and a missing offset declared; unchanged if already done."""
+    """A copy of the scene in which undeclared nodata and a missing offset are declared; pixels are read only once."""
     return undeclared(scene).on(scene)
 
 
 def undeclared(scene: Scene) -> Undeclared:
     """Find undeclared nodata, and the missing offset of a subset of a Sentinel-2 product.
 
-    Nodata is one number in all bands that fills at least 2 % of the image and reaches its edge or fills whole squares,
-    unless nodata is declared by the file or the caller.
+    Nodata is searched for if neither the file nor the caller declares it. It is a value that is equal in all bands over
+    at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or hold
+    squares of `SOLID` pixels. Findings are also written to the log. A scene is searched only once.
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
@@ -90,7 +91,7 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """All of a small scene; of a larger one a lattice of tiles, from corner to corner."""
+    """Tiles to read: all of a small scene; of a larger one a regular grid of tiles, from corner to corner."""
     side, size = SAMPLED_SIDE, (scene.height, scene.width)
     if scene.height * scene.width <= LOOKED_AT:
         return tiling.tiles(*size, (side, side))
@@ -104,7 +105,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """The value that all bands share in areas, as nodata of the bands that have it nowhere else."""
+    """Find nodata: the value that is equal in all bands over areas, for the bands that have it hardly anywhere else."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:
@@ -123,9 +124,9 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
         return Undeclared()
     around = np.concatenate(beside)
     if value > 0 and around.size and np.median(around) > value / 2:
-        return Undeclared()  # saturated: glint, boats and clouds fade out, nodata ends at once
+        return Undeclared()  # saturated: around glint, boats and clouds values decrease gradually
     if value > 1 and info.dtype.kind in "iu" and value < np.iinfo(info.dtype).max and math.log2(value + 1) % 1 == 0:
-        return Undeclared()  # the highest number of a sensor with fewer bits
+        return Undeclared()  # 2^n - 1, the largest value of a sensor with fewer bits than the type
     note = (
         f"{value:g} in all bands, {fill / total:.1%} of the pixels, is taken for nodata and left out; "
         "if these are data, pass --nodata none"
@@ -144,7 +145,7 @@ def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
 
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
-    """Pixels that are connected, within the tile, to the edge of the image."""
+    """Pixels of `mask` that are connected, within the tile, to the edge of the image."""
     from scipy.ndimage import binary_propagation
 
     (rows, columns), rim = tile.shape, np.ones_like(mask)
@@ -153,7 +154,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the bands are integer bands of Sentinel-2 without a declared offset."""
+    """Whether the file has more than two integer bands, all of Sentinel-2, and declares no offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     named = all(sensors.normalise(name) in known for name in scene.names)
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
@@ -162,7 +163,7 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
-    """The findings, with the offset if there is one."""
+    """Add the offset of Sentinel-2 to the findings if the file values include it; `blocks` are (values, valid)."""
     nodatas = found.nodatas or info.nodatas
     floors = []
     for band, nodata in enumerate(nodatas):

@@ -1,7 +1,7 @@
-"""Products that are recognised: a folder, an archive, a metadata file, or an image with its metadata nearby.
+"""Recognise products: a folder, an archive, a metadata file, or an image with its metadata nearby.
 
-`PRODUCTS` is the table of families: a new one needs a module with METADATA, IMAGES and find, and a line here. Only
-local files are searched; other GDAL names (/vsis3/, https://) are opened as rasters.
+`PRODUCTS` is the table of families of products: a new family needs a module with METADATA, IMAGES and find, and a line
+in the table. Only local files are recognised; other GDAL names (/vsis3/, https://) are opened as rasters.
 """
 
 import os
@@ -26,15 +26,15 @@ PRODUCTS: dict[str, Any] = {
     "WorldView and GeoEye": maxar,
     "MicaSense and DJI captures": drone,
 }
-"""Modules of the families of products, in the order in which they are tried. METADATA and IMAGES are regular
-expressions of file names: of metadata, and of images that may have metadata near."""
+"""Module of each family of products, in the order in which they are tried. In a module, METADATA is the regular
+expression for names of metadata files, and IMAGES for names of images that may have metadata nearby."""
 _FOLDERS_ABOVE = 4
-"""Folders above an image in which the metadata of Sentinel-2 may lie; those of other families lie beside it."""
+"""Number of folders above an image in which Sentinel-2 metadata may lie; other families have them beside it."""
 
 
 @dataclass(frozen=True)
 class OpenedFiles:
-    """The files behind a name: described rasters, and their product if any."""
+    """The files that a name stands for: descriptions of rasters, their product (or None), and notes."""
 
     infos: list[RasterInfo]
     product: Product | None
@@ -42,7 +42,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files behind a name: those of a product, else a raster by `describe`."""
+    """Describe the files that a name stands for: the files of a product, else one raster by calling `describe`."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -60,7 +60,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
-    """Notes on opened files: kind, name and bands of each product, then further notes without repetition."""
+    """Notes on opened files: a line with kind, name and bands of each product, then all other notes once."""
     products: dict[str, list[str]] = {}
     for product in (o.product for o in found if o.product is not None):
         products.setdefault(f"{product.kind}, product {product.name}", []).extend(b.name for b in product.bands)
@@ -72,7 +72,7 @@ def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
 
 
 def named(found: Sequence[OpenedFiles]) -> str | None:
-    """Kind and name of the opened products, or None."""
+    """Kind and name of the opened products, for `Scene.product`; None without a product."""
     every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
     return "; ".join(every) or None
 
@@ -86,7 +86,7 @@ def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource |
 
 
 def find(path: str) -> Product | None:
-    """The product behind a name, or None; metadata and file names are read, no pixels."""
+    """The product that a name stands for, or None; metadata and file names are read, no pixels."""
     place = _local(path)
     if place is None:
         return None
@@ -103,16 +103,16 @@ def find(path: str) -> Product | None:
 
 
 def name_of(path: str) -> str | None:
-    """Name of the product in a folder, an archive or of a metadata file; None for anything else."""
+    """Name of the product in a folder or an archive, or of a metadata file; None for anything else."""
     try:
         product = find(path) if _may_be_product(_local(path)) else None
-    except DeglintError:  # said where it is opened
+    except DeglintError:  # the error is raised when the product is opened
         return None
     return product.name if product else None
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the files behind a name: images, footprints and metadata of a product, else the name itself."""
+    """GDAL names of all files that a name stands for: images, footprints and metadata of a product, else the name."""
     product = find(path)
     if product is None:
         return (path,)
@@ -121,14 +121,14 @@ def files_of(path: str) -> tuple[str, ...]:
 
 
 def _local(path: str) -> Path | None:
-    """A local file or folder; None for other GDAL names, and where there is nothing."""
+    """The local file or folder with a GDAL name; None if it does not exist or is not local."""
     if path.lower().endswith(".zip"):
         path = path.removeprefix("zip://").removeprefix("/vsizip/")
     return Path(path) if os.path.exists(path) else None  # noqa: PTH110  (Path raises where a name is too long)
 
 
 def _may_be_product(place: Path | None) -> bool:
-    """Whether a local name is a folder, an archive or a metadata file."""
+    """Whether a local path is a folder, an archive or a metadata file; False for None."""
     if place is None or place.is_dir() or is_archive(place.name):
         return place is not None
     return any(re.fullmatch(f.METADATA, place.name, re.IGNORECASE) for f in PRODUCTS.values())
@@ -141,7 +141,7 @@ def _first(container: Container) -> Product | None:
 def _of(family: Any, container: Container) -> Product | None:
     """The product of a family in a container, with the names of the metadata files that were read.
 
-    An image that is named itself is opened without its metadata if these are damaged.
+    If the metadata are damaged: None if the user names the image itself (it is opened as a raster), else MetadataError.
     """
     try:
         found = family.find(container)
@@ -154,7 +154,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """The folder with the metadata of the product that contains a file, or a folder of images."""
+    """The folder with the metadata of the product to which `place` (a file, or `folder`) belongs, or None."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -1,6 +1,6 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles are mosaicked by GDAL's DIMAP driver.
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles GDAL's DIMAP driver mosaics.
 
-The driver reports neither gains nor the order of the bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
+The driver does not report gains or the order of bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
 holds for reflectance products.
 """
 
@@ -26,7 +26,7 @@ UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
+    """The multispectral product in a folder or archive, or to which a named file belongs; None if there is none."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files, found = container.find(METADATA), []
     for member in [named] if named in files else files:
@@ -77,9 +77,9 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
 
 
 def _angles(root: ET.Element) -> dict[str, Any]:
-    """Directions of sun and satellite, seen from the centre of the image.
+    """Tags with the directions of sun and satellite [degree], seen from the ground at the centre of the image.
 
-    AZIMUTH_ANGLE is that of the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
+    AZIMUTH_ANGLE belongs to the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
     is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
     Toolbox (CNES) computes it.
     """
@@ -105,8 +105,8 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
-    """Names of the bands in the order of the image."""
-    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two: three bands each in a file of its own
+    """Names of the bands (BAND_ID) in the order of the image, and notes."""
+    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two, with three bands each
     if not any(part.find(".//Raster_Index") is not None for part in parts):
         parts = [root]
     placed = [
@@ -136,7 +136,7 @@ def _of_band(root: ET.Element, kind: str, band: str) -> ET.Element | None:
 
 
 def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float, str | None]:
-    """Scale, offset and unit of a band; None as unit if not known."""
+    """Scale, offset and unit of the physical values of a band; 1, 0 and None if they are not known."""
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
     node = _of_band(root, kind, band)
     gain, bias = positive(said(node, "GAIN")), said_number(node, "BIAS")
@@ -146,7 +146,7 @@ def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float
 
 
 def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
-    """Centre and width [nm] of a band."""
+    """Centre and width of a band [nm]; None if they are not known."""
     node = _of_band(root, "Band_Spectral_Range", band)
     unit = said(node, "MEASURE_UNIT")
     low, high = (

@@ -1,7 +1,7 @@
-"""MicaSense RedEdge and Altum and DJI Multispectral: captures of one TIFF per band, and mosaics, by their XMP.
+"""MicaSense RedEdge and Altum and DJI Multispectral: captures with one TIFF per band, and mosaics.
 
-GDAL returns the XMP as text. Exposure, gain and black level are converted to scale and offset; vignetting and row
-gradient are corrected while pixels are read. The bands of a capture are not registered to each other.
+Their metadata are XMP, which GDAL returns as text. Exposure, gain and black level are converted to scale and offset;
+vignetting and row gradient are corrected while pixels are read. Bands of a capture are not registered to each other.
 
 References
 ----------
@@ -24,7 +24,7 @@ from ..text import number, numbers, positive
 from .metadata import Container, MetadataError, tags_of, xml_of
 from .product import Product, ProductBand, filled
 
-METADATA = r"(?!)"  # each file has its own
+METADATA = r"(?!)"  # matches nothing: the metadata are inside each image
 IMAGES = (
     r"(?P<capture>IMG_\d{4,}|DJI_(?:\d+_)*\d{3,4}_MS|DJI_\d{3}(?=\d\.))_?(?P<band>\d{1,2}|G|R|RE|NIR)(?:_\d+)?\.tiff?"
 )
@@ -34,16 +34,16 @@ UNREGISTERED = (
     "a correction band by band, or take an aligned stack or a mosaic"
 )
 
-Facts = Mapping[str, Sequence[str]]
+Facts = Mapping[str, Sequence[str]]  # values in an XMP by name without namespace
 Calibration = tuple[float, str | None, FlatField]
-"""Scale and unit, and the black level with what lens and shutter do."""
-_BLACK_LEVEL = 50714  # the tag of DNG, which GDAL does not tell of
+"""Scale, unit of the physical value (None: not known), and correction of black level, vignetting and row gradient."""
+_BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not report
 
 
 def find(container: Container) -> Product | None:
-    """The single capture in a folder or archive; None if there is none.
+    """The capture in a folder or archive; None if there is none, InputError if there are several.
 
-    A single file is not a product: `with_xmp` reads its metadata.
+    A capture is the images of all bands, taken at once. One file is not a product: `with_xmp` reads its metadata.
     """
     if container.named is not None:
         return None
@@ -78,7 +78,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
     if not bands:
         return None
     if not re.search(r"_\d+(?:_\d+)?\.tiff?$", members[0], re.IGNORECASE):
-        bands.sort(key=lambda b: b.wavelength or 0.0)  # names that end in letters have no order of their own
+        bands.sort(key=lambda b: b.wavelength or 0.0)  # file names that end in letters do not give the order
     if left:
         notes.insert(0, f"{', '.join(left)} left out: pixels and light of another kind; name the file to open it")
     notes = list(dict.fromkeys([*notes, UNREGISTERED]))
@@ -87,25 +87,25 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """A file's description, with what its XMP says of the bands; as it is where there is none."""
+    """A copy of `info` with what the file's XMP says of its bands, and notes; `info` itself without an XMP."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
         return info, []
-    if any(info.descriptions):  # names that somebody gave in the file count more
+    if any(info.descriptions):  # band names in the file itself take precedence
         bands = [replace(b, name=d or b.name) for b, d in zip(bands, info.descriptions, strict=True)]
     note = f"{info.paths[0]}: band names and wavelengths are those of its XMP ({_kind(facts)})"
     return filled(info, tuple(bands), {}, _sensor(facts)), [note, *corrected]
 
 
 def is_capture(info: RasterInfo) -> bool:
-    """Whether a file is one band of a capture, from its name and XMP."""
+    """Whether a file is one band of a capture, which its name and XMP show."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
 
 def facts_of(info: RasterInfo) -> Facts:
-    """Values in the XMP by name without namespace; none if it is missing or damaged."""
+    """Values in the XMP of a file by name without namespace; empty if the XMP is missing or damaged."""
     try:
         root = xml_of(info.tags.get("xml:XMP", {}).get("xml:XMP", "").strip("\0 \n").encode(), "XMP")
     except MetadataError:
@@ -121,7 +121,7 @@ def facts_of(info: RasterInfo) -> Facts:
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
-    """The bands that an XMP names, and of a capture what is corrected; none where their number is not the file's."""
+    """Bands that the XMP names (none if their number is not the file's), and notes on corrections of a capture."""
     names = facts.get("BandName", ())
     if not names or len(names) != info.count:
         return [], []
@@ -148,17 +148,17 @@ def _kind(facts: Facts) -> str:
 
 
 def _sensor(facts: Facts) -> str | None:
-    """The preset with the optics and time offsets of this camera."""
+    """Name of the preset with the optics and time offsets of the camera; None for other cameras than RedEdge."""
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
 def one(facts: Facts, name: str) -> str:
-    """The first value with a name, or ""."""
+    """The first value in the XMP called `name`, or ""."""
     return next(iter(facts.get(name, ())), "")
 
 
 def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[str]]:
-    """Scale, offset, unit and flat field of a capture as it left the camera, and what is corrected of it."""
+    """Scale, offset, unit and flat field of an unprocessed capture, as fields of `ProductBand`, and notes."""
     found = None if info.dtypes[0] != "uint16" else _micasense(info, facts) or _dji(facts)
     if found is None:
         return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
@@ -172,7 +172,11 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
 
 
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
-    """L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y)."""
+    """MicaSense's conversion of file values p to radiance; None if the XMP lacks it.
+
+    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V, the
+    exposure time t [s], and a1, a2, a3 from RadiometricCalibration.
+    """
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (
         [n for text in facts.get(name, ()) for n in numbers(text)]
@@ -194,7 +198,10 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 
 
 def _dji(facts: Facts) -> Calibration | None:
-    """(p - black) / 2^16 / (gain t), times the camera's factor: proportional to radiance, the unit is not known."""
+    """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP lacks it.
+
+    (p - black) / 2^16 / (gain t), times the camera's factor, with the exposure time t [s]. The unit is not known.
+    """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))
     if micro is None or gain is None or black is None:
@@ -203,13 +210,13 @@ def _dji(facts: Facts) -> Calibration | None:
     vignette = numbers(one(facts, "VignettingData"))
     centre = [number(one(facts, f"CalibratedOpticalCenter{axis}")) for axis in "XY"]
     flat = FlatField(black)
-    if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has done it
+    if vignette and None not in centre and one(facts, "VignettingFlag") != "1":  # 1: the camera has corrected it
         flat = FlatField(black, (centre[0] or 0.0, centre[1] or 0.0), tuple(vignette), corrects=True)
     return factor / (65536 * gain * micro * 1e-6), None, flat
 
 
 def _black_level(path: str) -> float | None:
-    """Mean of the tag BlackLevel of a TIFF; None if missing or unreadable."""
+    """Mean of the tag BlackLevel of a TIFF [file value]; None if it is missing or unreadable."""
     from PIL.TiffImagePlugin import TiffImageFile
 
     try:

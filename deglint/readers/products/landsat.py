@@ -1,7 +1,7 @@
 """Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or *_MTL.txt, .json or .xml.
 
-GDAL has no driver for these: each band is a GeoTIFF, and only the MTL file has scale and offset. A Level-2 file repeats
-the factors of Level 1 under the same names, so they are read from the group of the level.
+GDAL has no driver for these products: each band is a GeoTIFF, and only the MTL file has scale and offset. The MTL file
+of Level 2 also has the factors of Level 1, under the same names, so they are read from the group of the level.
 """
 
 import math
@@ -17,23 +17,23 @@ METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
 _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
                "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
-"""Groups of factors and of largest values, by level."""
+"""By level: the groups of the MTL file that have scales and offsets, and the largest file values."""
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
 _WITHOUT_MTL = {
     "1": "the numbers are taken as they stand. Download it again, or give --scale and --offset",
     "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
 }
-FULL = 65535.0  # largest value of the products if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
+FULL = 65535.0  # largest file value if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
 LANDSAT_ORBIT = 705_000.0
 """Altitude of Landsat 8 and 9 [m]. They view the nadir, except in a few scenes with a ROLL_ANGLE of about 15 degrees.
 """
 CIRRUS = (1373.5, 20.0)
-"""Centre and width of B9 [nm] (USGS: 1363-1384 nm), which is not in the preset of the bands 1 to 7."""
+"""Centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or of a selected band file; None if there is none."""
+    """The product in a folder or archive, or to which a named band file belongs; None if there is none."""
     named, images = container.named, container.matches(IMAGES)
     if named is not None:
         images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]

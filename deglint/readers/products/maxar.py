@@ -1,7 +1,7 @@
-"""WorldView-2, WorldView-3, GeoEye-1 and QuickBird: an .IMD file (or the equivalent XML), a .TIL mosaic, an image.
+"""WorldView-2, -3 and -4, GeoEye-1 and QuickBird: an .IMD file (or the equivalent XML), a .TIL mosaic, an image.
 
-A mosaic of several tiles is opened by GDAL's TIL driver, a single image directly. The factors to radiance are those of
-the IMD file: absCalFactor over effectiveBandwidth of each band.
+A mosaic of several tiles is opened by GDAL's TIL driver, a single image directly. The factor of a band to radiance is
+absCalFactor / effectiveBandwidth, both from the IMD file.
 """
 
 import re
@@ -24,7 +24,7 @@ _SATELLITES = {
     "GE01": ("GeoEye-1", "geoeye1"),
     "QB02": ("QuickBird", "quickbird"),
 }
-"""Title and preset of the satellites by their code in the metadata."""
+"""Title and sensor preset ("": none) of the satellites, by their code in the metadata."""
 _MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _NOT_ENHANCED = ("", "OFF", "NONE")
@@ -32,7 +32,7 @@ UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or the selected one; None if there is none."""
+    """The multispectral product in a folder or archive, or to which a named file belongs; None if there is none."""
     named = container.named
     stems = {_stem(n) for n in container.find(METADATA)}
     if named is not None:
@@ -55,7 +55,7 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:
-    """The product of an image, by its metadata."""
+    """The product of an image; `root` has its metadata."""
     notes = []
     satellite, enhanced = said(root, ".//SATID"), said(root, ".//RADIOMETRICENHANCEMENT").upper()
     title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
@@ -82,7 +82,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
 
 
 def _letters(root: ET.Element) -> list[str]:
-    """Letters of the bands, in the order of the image."""
+    """Letters of the bands ("B", "N2"), in the order of the image."""
     return [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
 
 
@@ -91,7 +91,7 @@ def _stem(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The mosaic of several tiles, else the one image of that name; tiles lie beside it."""
+    """The .TIL file of a mosaic of several tiles, else the single image; None if there is none."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

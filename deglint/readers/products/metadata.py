@@ -1,6 +1,6 @@
 """Metadata of products: the folder, zip or tar that holds them, their parsing, and the numbers and angles in them.
 
-XML, JSON and lines of groups are parsed into one kind of tree.
+XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree.
 """
 
 import json
@@ -19,13 +19,13 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError, ReadError
 from ..text import number
 
-MOST_MEMBERS = 20_000  # most members of a folder that are listed: a folder that is no product may be large
+MOST_MEMBERS = 20_000  # at most so many files of a folder are listed, as it need not be a product and may be large
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 
 class MetadataError(InputError):
-    """Metadata are damaged, or have the wrong format."""
+    """Metadata of a product are damaged, or have the wrong format."""
 
     def __init__(self, name: str, why: object) -> None:
         super().__init__(f"{name} is damaged: {why}. Download it again, or name the image itself.")
@@ -37,9 +37,9 @@ class Container:
 
     path: str
     kind: str  # "folder", "zip" or "tar"
-    names: tuple[str, ...]  # members, relative, with "/" between folders, sorted
-    named: str | None = None  # the member (a file or a folder) that was meant, where not all of it was
-    was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that `read` has read
+    names: tuple[str, ...]  # sorted paths of the members in it, with "/" between folders
+    named: str | None = None  # the member (a file or a folder) that the user named; None: the whole container
+    was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that were read
 
     @property
     def name(self) -> str:
@@ -62,17 +62,17 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
-        """The error for several items where one is expected; it lists up to four."""
+        """Error to raise if there are several items and one is expected; its message lists up to four."""
         every = list(names)
         return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
 
     def beside(self, member: str, name: str) -> str | None:
-        """The member called `name` in the folder of `member`, if there is one."""
+        """The member called `name` in the folder of `member`, or None; case is ignored."""
         wanted = (PurePosixPath(member).parent / name).as_posix().casefold()
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """Content of a small member."""
+        """Content of a small member; ReadError if it cannot be read."""
         self.was_read.append(member)
         try:
             if self.kind == "zip":
@@ -87,9 +87,9 @@ class Container:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
     def tree(self, member: str, needs: str = "") -> ET.Element:
-        """The metadata in a member, XML, JSON or lines of groups (MTL, IMD, TIL): objects and groups are elements.
+        """The metadata in a member as a tree, from XML, JSON or lines in groups (MTL, IMD, TIL).
 
-        MetadataError where they are damaged, or lack the element `needs`.
+        JSON objects and groups become elements. MetadataError if the metadata are damaged, or lack the element `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -107,24 +107,24 @@ class Container:
 
 
 def last(member: str) -> str:
-    """File name of a member."""
+    """File name of a member, without folders."""
     return PurePosixPath(member).name
 
 
 def is_archive(path: str) -> bool:
-    """Whether a name has the ending of a supported archive."""
+    """Whether a name ends in .zip or .tar."""
     return bool(_ARCHIVE.search(path))
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
-    """List a folder; links to folders are not followed."""
+    """List the files in a folder and its subfolders; links to folders are not followed."""
     files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
     members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
     return Container(str(path), "folder", tuple(sorted(members)), named)
 
 
 def open_archive(path: str) -> Container:
-    """List a zip or tar."""
+    """List the files in a .zip or .tar; ReadError if it is damaged."""
     kind = path[-3:].lower()
     try:
         if kind == "zip":
@@ -139,7 +139,7 @@ def open_archive(path: str) -> Container:
 
 
 def xml_of(data: bytes, name: str) -> ET.Element:
-    """The root of an XML document; namespaces are removed from tags."""
+    """Parse an XML document and return its root; namespaces are removed. MetadataError if it is damaged."""
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:
@@ -150,7 +150,7 @@ def xml_of(data: bytes, name: str) -> ET.Element:
 
 
 def _grown(tag: str, value: Any) -> ET.Element:
-    """An element with a value, or with one element for each entry of an object; lists are left out."""
+    """Make an element with a value as text, or with one element for each entry of a JSON object; lists are left out."""
     node = ET.Element(tag)
     if isinstance(value, Mapping):
         node.extend(_grown(str(k), v) for k, v in value.items())
@@ -162,7 +162,7 @@ def _grown(tag: str, value: Any) -> ET.Element:
 def groups_of(text: str) -> dict[str, dict[str, str]]:
     """The values in a text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
 
-    Names are in capitals. Values outside of groups stand under "". A value in several lines is left out.
+    Names are returned in capitals. Values outside of groups are in the group "". A value in several lines is left out.
 
     >>> groups_of('a = 1;\\nBEGIN_GROUP = BAND_R\\n\\tb = "x";\\nEND_GROUP = BAND_R')
     {'': {'A': '1'}, 'BAND_R': {'B': 'x'}}
@@ -184,26 +184,26 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
 
 
 def said(node: ET.Element | None, *paths: str) -> str:
-    """Text of the first element found at some paths below a node, or ""."""
+    """Text of the first non-empty element at one of the paths below a node, or ""."""
     found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
     return next(filter(None, found), "")
 
 
 def said_number(node: ET.Element | None, *paths: str) -> float | None:
-    """The same as a finite number, or None."""
+    """Number in the element that `said` finds; None if it is not a finite number."""
     return number(said(node, *paths))
 
 
 def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
-    """Non-empty values as short texts."""
+    """Convert values to texts of at most 200 characters for tags; None and "" are left out."""
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
 
 
 EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 ORBIT = 600_000.0
-"""Altitude of a satellite if not known [m]: imaging satellites fly at 450 to 800 km, which changes an incidence angle
-of 20 degrees by at most 0.7 degrees."""
-NADIR = 0.5  # off-nadir angle below which no azimuth is needed [degree]: it does not affect the reflected light
+"""Altitude of a satellite if it is not known [m]. Imaging satellites fly at 450 to 800 km, which changes an incidence
+angle of 20 degrees by at most 0.7 degrees."""
+NADIR = 0.5  # incidence angle up to which a missing view azimuth is set to 0 [degree], as it has no effect
 
 
 def angle_tags(
@@ -215,9 +215,10 @@ def angle_tags(
     view_azimuth: float | None = None,
     altitude: float = ORBIT,
 ) -> dict[str, Any]:
-    """Tags of the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
+    """Tags with the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
-    The sensor's elevation is 90 - incidence. If only the off-nadir angle is known, which is measured at the satellite,
+    `altitude` of the satellite is in m. The elevation of the sensor is 90 - incidence. If only `off_nadir` is known,
+    which is measured at the satellite,
     sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
     """
     if incidence is None and off_nadir is not None:

@@ -1,7 +1,7 @@
 """PlanetScope AnalyticMS and AnalyticMS_SR with 4 or 8 bands, and their *_metadata.xml or .json.
 
 The image is one GeoTIFF; the XML file has the factor of each band to reflectance. Surface reflectance always has the
-scale 1/10000, whatever factors the XML of the radiance product beside it has.
+scale 1/10000; the factors in the XML hold for the radiance product only.
 """
 
 import re
@@ -16,16 +16,16 @@ from .product import Product, ProductBand
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
-SURFACE_SCALE = 1e-4  # scale of surface reflectance products, documented by Planet; it is not in the metadata
-DOVE_ORBIT = 500_000.0  # altitude of the Doves, 450 to 580 km [m]
-FOUR = ("blue", "green", "red", "nir")
+SURFACE_SCALE = 1e-4  # scale of surface reflectance, as Planet documents it; it is not in the metadata
+DOVE_ORBIT = 500_000.0  # assumed altitude of the Doves [m]; they fly at 450 to 580 km
+FOUR = ("blue", "green", "red", "nir")  # names of the bands of images with four
 DOVE = ((485.0, 60.0), (545.0, 90.0), (630.0, 80.0), (820.0, 80.0))
 """Centres and widths [nm] of the first Doves (instrument PS2): 455-515, 500-590, 590-670 and 780-860 nm, from Planet's
-product specification; the sensor presets are for later ones."""
+product specification; the sensor presets are for later instruments."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive; None if there is none."""
+    """The product in a folder or archive, or to which a named file belongs; None if there is none."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
     if named in images:
@@ -57,7 +57,7 @@ def find(container: Container) -> Product | None:
         sun_azimuth=said(root, ".//illuminationAzimuthAngle", ".//sun_azimuth"),
         incidence=said_number(root, ".//incidenceAngle"),
         off_nadir=said_number(root, ".//spaceCraftViewAngle", ".//view_angle"),
-        view_azimuth=said_number(root, ".//satellite_azimuth"),  # the XML's azimuthAngle is that of the image's lines
+        view_azimuth=said_number(root, ".//satellite_azimuth"),  # azimuthAngle belongs to the image's lines
         altitude=DOVE_ORBIT,
     )
     when = said(root, ".//acquisitionDateTime", ".//acquired")
@@ -67,7 +67,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors of the bands to reflectance, else to radiance, and the unit; empty if not known."""
+    """Factors of the bands to reflectance, else to radiance, and their unit; empty list and "" if not known."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", "W m-2 sr-1 um-1")):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]
@@ -77,7 +77,7 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 
 
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
-    """Bands by number of bands and instrument, and the matching preset."""
+    """The bands of an image with four or eight bands, and the sensor preset of its instrument (None: no preset)."""
     sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     if eight:
         names = tuple(b.name for b in sensors.load("planetscope8").bands)

@@ -1,8 +1,8 @@
 """Metadata of a product and its bands, and their conversion to descriptions of rasters.
 
-A `Product` holds plain values from metadata. `described` opens the headers of its files and adds the product's band
-names, scale, offset, nodata, unit and tags to their descriptions. Products and single files are then treated alike, and
-an output has the same metadata.
+A `Product` holds plain values from metadata. `described` opens the headers of its files and adds band names, scale,
+offset, nodata, unit and tags of the product to their descriptions. After that, products and single files are treated
+alike, and an output has the same metadata.
 """
 
 from collections.abc import Mapping
@@ -16,37 +16,37 @@ from ...raster.info import describe, open_dataset
 
 @dataclass(frozen=True)
 class ProductBand:
-    """One band of a product; None for values that are not in the metadata."""
+    """One band of a product; values that are not in the metadata are None."""
 
     path: str  # GDAL name of its file
-    name: str  # as the sensor's maker calls it ("B08")
-    number: int = 1  # 1-based band of that file
+    name: str  # as the provider calls it ("B08")
+    number: int = 1  # 1-based band of the file
     wavelength: float | None = None  # centre [nm]
     width: float | None = None  # full width at half maximum [nm]
-    scale: float = 1.0  # physical = number in the file * scale + offset
+    scale: float = 1.0  # physical value = file value * scale + offset
     offset: float = 0.0
     unit: str | None = None  # of the physical value
-    nodata: float | None = None  # number in the file that says "not valid"
-    saturation: float | None = None  # number in the file at and above which the detector was full
+    nodata: float | None = None  # file value that means "not valid"
+    saturation: float | None = None  # file value from which on the detector is saturated
     footprint: str | None = None  # GDAL name of a raster of detector numbers
-    flat: FlatField | None = None  # vignette and row gradient of a capture, for a file of one band
+    flat: FlatField | None = None  # correction of vignette and row gradient, for a file of one band
 
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or the selected part of it."""
+    """A product, or a part of it, as its metadata describe it."""
 
-    kind: str  # "Sentinel-2 L2A"
-    name: str  # the product's own name, without a path
-    bands: tuple[ProductBand, ...]  # those of one file stand together, in its order
-    sensor: str | None = None  # a name that a sensor preset answers to
-    tags: Mapping[str, str] = field(default_factory=dict)  # for the output: when it was acquired, angles
+    kind: str  # family and level, such as "Sentinel-2 L2A"
+    name: str  # name that the provider gave the product, without a path
+    bands: tuple[ProductBand, ...]  # bands of one file are adjacent, in its order
+    sensor: str | None = None  # a name of a sensor preset
+    tags: Mapping[str, str] = field(default_factory=dict)  # for the output: time of acquisition, angles
     notes: tuple[str, ...] = ()  # what was left out or could not be used, one line each
     texts: tuple[str, ...] = ()  # GDAL names of the metadata files that were read
 
     @property
     def files(self) -> dict[str, tuple[ProductBand, ...]]:
-        """The bands of each file, in order."""
+        """The bands of each file, by its GDAL name, in order."""
         found: dict[str, tuple[ProductBand, ...]] = {}
         for band in self.bands:
             found[band.path] = (*found.get(band.path, ()), band)
@@ -54,7 +54,7 @@ class Product:
 
 
 def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
-    """Describe the files of a product by its metadata, with notes; headers are read, no pixels."""
+    """Describe the files of a product, and return notes; metadata and headers are read, no pixels."""
     infos = []
     notes = list(product.notes)
     for path, bands in product.files.items():
@@ -71,7 +71,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
 
 
 def scaled_by_itself(info: RasterInfo) -> str:
-    """Why the product's scale, offset and nodata are not used for a file, or ""."""
+    """Text that says why the product's scale, offset and nodata are not used for a file; "" if they are used."""
     if any(np.dtype(t).kind == "f" for t in info.dtypes):
         return "floating-point numbers are taken as they are, without the product's scale and offset"
     if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
@@ -80,7 +80,10 @@ def scaled_by_itself(info: RasterInfo) -> str:
 
 
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
-    """A file's description with the properties of its product; the file's own properties take precedence."""
+    """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
+
+    Scale, offset and nodata in the file take precedence. `sensor` is a name for the tag "sensor".
+    """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
     flat = bands[0].flat if info.count == 1 else None
@@ -108,7 +111,7 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
 
 
 def _band_tags(band: ProductBand, *, scaled: bool) -> dict[str, str]:
-    """Tags of a band in the form that `deglint.readers.spectral` reads."""
+    """Tags of a band as `deglint.readers.spectral` reads them; the saturated value only with `scaled`."""
     full = band.saturation if scaled else None
     facts = {"wavelength_nm": band.wavelength, "fwhm_nm": band.width, "FULL_SCALE": full}
     return {k: f"{v:.10g}" for k, v in facts.items() if v is not None}

@@ -22,7 +22,7 @@ _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Pixel size of each band [m]."""
-FULL = 65535.0  # saturated value if the metadata do not give it
+FULL = 65535.0  # saturated file value if the metadata do not give it
 _QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
     "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
@@ -31,7 +31,7 @@ _AS_STORED = (
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or of selected band files; None if there is none."""
+    """The product in a folder or archive, or to which named band files belong; None if there is none."""
     metadata = container.find(METADATA)
     images = _images(container)
     if container.named and last(container.named) in map(last, metadata):
@@ -67,7 +67,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands, those below the selected name, and the parts of their names."""
+    """Image files of bands and the matches of their names; if the user named an image or folder, only those."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
@@ -76,13 +76,13 @@ def _images(container: Container) -> dict[str, re.Match[str]]:
 
 
 def _granule(member: str) -> str:
-    """Path of the granule that a file belongs to, or ""."""
+    """Path of the granule (tile) that a file belongs to, or ""."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
-    """The file of each band, in order of wavelength, and the bands of 60 m that are skipped."""
+    """File of each band, and skipped bands; bands of 60 m are used only with `single` or if there are no others."""
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
         name = match["band"].upper()
@@ -94,7 +94,7 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 
 
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
-    """Properties of each band from the metadata; without metadata, wavelengths of the preset."""
+    """Properties of each band from the metadata; without metadata, names and the wavelengths of the preset."""
     known, values = root is not None, ET.Element("none") if root is None else root
     levels = (f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))
     quantum = positive(said(values, *levels)) or _QUANTUM
@@ -106,7 +106,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
     special = {
         said(v, "SPECIAL_VALUE_TEXT"): said_number(v, "SPECIAL_VALUE_INDEX") for v in values.iter("Special_Values")
     }
-    spectral = {  # "B1" there is "B01" in file names
+    spectral = {  # a band "B1" in the metadata is "B01" in file names
         re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
     }
     presets = {b.name: b for b in sensors.load("sentinel2").bands}
@@ -132,21 +132,21 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
 
 
 def _width(spectral: ET.Element | None) -> float | None:
-    """Full width at half maximum of the spectral response [nm]."""
+    """Full width at half maximum of the spectral response [nm]; None if it is not in the metadata."""
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
     step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
 
 
 def _mask(container: Container, band: str, file: str) -> str | None:
-    """The raster of detector numbers of a band."""
+    """GDAL name of the raster with the detector numbers of a band; None if there is none."""
     granule, masks = _granule(file), container.matches(_MASK)
     fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
     return next(map(container.gdal, fits), None)
 
 
 def _angles(container: Container, granule: str) -> dict[str, str]:
-    """Directions of sun and satellite, seen from the ground: means over the tile, and over the bands."""
+    """Tags with the directions of sun and satellite from the ground [degree]: means over the tile and the bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
     if member is None:
         return {}
@@ -164,7 +164,7 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean of several directions: azimuths 350 and 10 have the mean 0."""
+    """Zenith angle and azimuth [degree] of the mean of several directions; azimuths of 350 and 10 have the mean 0."""
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
     if not known:
