@@ -48,7 +48,7 @@ class Skylight:
         self.brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
 
     def share_above(self, level: Floats) -> Floats:
-        """Share of the sea whose facets reflect more than `level` (as `LEVELS`) [1/sr]; both (band, zenith, azimuth)."""
+        """Share of the sea whose facets reflect more than `level` [1/sr], as `LEVELS`; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
             place = np.log(level / LEVELS[0]) / step
