@@ -71,7 +71,7 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces its output directory.
+    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces the directory in it.
 
     Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
     directory above the current one.

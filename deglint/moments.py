@@ -111,7 +111,7 @@ class CellMoments:
         return CellMoments.concatenate([both._neighbours_merged(), self.where(alone)]).by_place()
 
     def _neighbours_merged(self) -> CellMoments:
-        """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd last cell is kept."""
+        """Merge cells 0 and 1, 2 and 3, ... by the update of Chan, Golub and LeVeque; an odd last cell is kept."""
         even = len(self.n) // 2 * 2
         a, b = self.where(slice(0, even, 2)), self.where(slice(1, even, 2))
         n = a.n + b.n
@@ -186,7 +186,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Cells along one axis of a block that starts at pixel `first`: number of each, and its pixels in the block."""
+    """Cells along one axis of a block that starts at pixel `first`: number of each, and slice of its pixels."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 

@@ -52,7 +52,7 @@ class Source(Protocol):
     """Protocol of objects that read the pixels of a scene (made by `deglint.raster`; thread-safe)."""
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values, shape (len(bands), rows, columns), NaN where not valid."""
+        """Physical values of 0-based bands in a window, (band, row, column); NaN where not valid."""
         ...
 
 
@@ -133,7 +133,7 @@ class Scene:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(bands, rows, columns)."""
+        """Number of bands, rows and columns."""
         return len(self.bands), self.height, self.width
 
     @property

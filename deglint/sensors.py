@@ -165,7 +165,7 @@ def load(name: str) -> Sensor:
 
 
 def find(name: str) -> Sensor | None:
-    """As `load`, but None if there is no such preset."""
+    """The sensor preset with this name or alias, as `load`, but None if there is no such preset."""
     wanted = normalise(name)
     for sensor in _table().values():
         if wanted in map(normalise, (sensor.name, *sensor.aliases)):

@@ -49,7 +49,7 @@ class Tile:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """Number of rows and columns."""
         return self.row1 - self.row0, self.col1 - self.col0
 
     @property
@@ -162,7 +162,7 @@ def run(
     """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
 
     Each thread calls `start` before its first tile. `progress` is called with the number of finished and of all tiles.
-    After an error, or if the caller stops to iterate, no tile is started any more, and running tiles are finished.
+    After an error, or if the caller stops iterating, no tile is started any more, and running tiles are finished.
     """
     total = len(everything)
     with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:

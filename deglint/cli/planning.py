@@ -18,7 +18,7 @@ from ..raster.planned import write_numbers, write_plan
 from .console import Console
 
 log = logging.getLogger(__name__)
-Given = dict[str, Any]
+Given = dict[str, Any]  # options of the command by name
 Mode = Callable[[Given, Any, Console], None]
 """Function of the options, the mission and the console: it computes a plan, writes its files and prints it."""
 

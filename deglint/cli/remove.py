@@ -136,14 +136,14 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
-    """The recipe described by the options."""
+    """The recipe that the options describe."""
     from ..pipeline import Recipe
 
     return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
 
 
 def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
-    """The outputs described by the options."""
+    """The outputs of `remove_glint` that the options describe."""
     from ..pipeline import Outputs
 
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from .reticle import Reticle
 
 MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
-_POINTS = (
+_POINTS = (  # points of the compass, clockwise from north
     "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
     "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
     "north-west", "north-north-west",

@@ -18,7 +18,7 @@ LAYERS = {  # name: unit, meaning
     "clear_of_glint": ("1", "1 where sun glint is within its limit"),
     "excluded": ("1", "1 where no band is usable"),
 }
-BAND_LAYERS = {
+BAND_LAYERS = {  # the same, for layers with an axis of bands
     "glint_radiance": (RADIANCE_UNIT, "sun glint"),
     "sky_radiance": (RADIANCE_UNIT, "mirrored skylight"),
     "background_radiance": (RADIANCE_UNIT, "out of the deep water"),

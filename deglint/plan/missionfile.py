@@ -16,7 +16,7 @@ from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from .mission import Limits, Mission
 
-Tables = Mapping[str, Mapping[str, Any]]
+Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
 
 _TABLES: dict[str, dict[str, str]] = {  # table: {key: field of `Mission`, or "" where it is none}
     "place": {}, "sun": {}, "wind": {}, "air": {f.name: "" for f in fields(Air) if "wind" not in f.name}, "water": {},
@@ -117,7 +117,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """The checked values of a table; raises InputError for an unknown key, or a number that is not finite."""
+    """The checked values of a table; raises InputError for an unknown key, or a value that is no finite number."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

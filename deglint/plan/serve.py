@@ -26,11 +26,11 @@ from .mission import Mission
 from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import reticle
 
-ADDRESS = "127.0.0.1"
+ADDRESS = "127.0.0.1"  # the loopback address
 SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
            "chlorophyll")  # fmt: skip
 """Fields of the mission with a slider; the page also changes `visibility`, the `glint` limit, time, sensor and band."""
-_POLICY = (
+_POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )

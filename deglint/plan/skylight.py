@@ -66,7 +66,8 @@ def _carried(
 ) -> Floats:
     """Interpolate values, given at equal steps along an axis, to positions `place` in units of steps.
 
-    Written without BLAS, whose threads block each other on a busy machine.
+    `weights` gives the weights of the nodes around a position; a `periodic` axis wraps around. BLAS is not called, as
+    its threads block each other on a busy machine.
     """
     count = values.shape[axis]
     first = np.floor(place).astype(int)

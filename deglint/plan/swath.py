@@ -28,7 +28,11 @@ GAIN = 0.5  # an alternative with glint must have less than this fraction of the
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView(Checked):
-    """Field of view of a sensor (one image, or a scan line), its tilt, and its altitude."""
+    """Field of view of a sensor (one image, or a scan line), its tilt, and its altitude [m].
+
+    `across` and `along` are full angles across and along the track [degree]; `along` is 0 for a line scanner. `pitch`
+    (forward positive) and `roll` (to the right positive) tilt the middle of the view away from nadir [degree].
+    """
 
     across: float = ranged(40.0, 0.0, 160.0, "degrees", "Give the full angle across the track.")
     along: float = ranged(0.0, 0.0, 160.0, "degrees", "Give the full angle along the track; 0 is a line scanner.")
@@ -169,7 +173,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """The best flight line at each time of the day with the sun up, the nearest time first."""
+    """The best flight line at each time within 12 hours when the sun is up; the nearest time comes first."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
@@ -180,7 +184,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """The best flight line for each roll and pitch of `TILTS`, the smallest angle first."""
+    """The best flight line for each roll and pitch of `TILTS`; the smallest angle comes first."""
     for tilt in TILTS:
         if tilt + 0.5 * max(view.across, view.along) < 80.0:
             for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
@@ -202,7 +206,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Flight lines and alternatives as values for JSON."""
+    """Glint for every heading, the best heading, and the alternatives, as values for JSON."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

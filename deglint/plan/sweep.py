@@ -85,7 +85,7 @@ def best_moment(moments: Sequence[Moment]) -> Moment | None:
 
 
 def table(moments: list[Moment]) -> list[str]:
-    """The sweep as lines of text."""
+    """The sweep as lines of text, one line for each time."""
     out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:
