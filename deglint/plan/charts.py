@@ -45,7 +45,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Indices of the times that get a small reticle: at most twelve with the sun up, evenly spread, and the best."""
+    """Indices of the times that get a small reticle: at most twelve with the sun up, evenly spread, with the best."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
