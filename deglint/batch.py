@@ -1,8 +1,8 @@
-"""Many scenes with one recipe, in separate processes: one that fails, or crashes its process, does not stop the others.
+"""Process many scenes with one recipe, in separate processes: a scene that fails does not stop the others.
 
 A recipe file holds the options. A scene is finished if the sidecar of its output records the same recipe and the same
-checksums of input and outputs, so a batch that was interrupted can be continued. A worker process keeps its loaded
-modules from scene to scene; one that crashes is reported and replaced.
+checksums of input and outputs, so a batch that was interrupted can be continued. A worker process handles one scene
+after the other, so modules are loaded once. A worker that crashes is reported and replaced.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ from .tiles import default_threads
 log = logging.getLogger(__name__)
 EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
 """Optional outputs beside the image, and the endings of their file names."""
+# status of a scene
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
-STOP_PATIENCE = 10.0  # time that a worker has to remove temporary files when the batch is stopped [s]
+STOP_PATIENCE = 10.0  # time that a worker has to remove temporary files after the batch is stopped [s]
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,13 @@ class Order:
     """Options that apply to every scene of a batch: the tables [recipe], [output] and [input] of a recipe file."""
 
     recipe: Recipe = field(default_factory=Recipe)
-    directory: Path = Path()  # of the outputs; made where it is missing
-    name: str = "{name}_deglinted.tif"  # of the image of a scene; "{name}" stands for the scene's name
+    directory: Path = Path()  # of the outputs; created if it is missing
+    name: str = "{name}_deglinted.tif"  # file name of an image; "{name}" stands for the name of the scene
     extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
-    dtype: str | None = None
+    dtype: str | None = None  # type of the image; None: the type of the scene
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
-    assets: tuple[str, ...] = ()  # of a STAC Item that are the bands
+    assets: tuple[str, ...] = ()  # names of the assets of a STAC Item that are its bands
     reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def request(self) -> str:
@@ -70,7 +71,7 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces its output directory.
+    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces the directory in it.
 
     Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
     directory above the current one.
@@ -122,7 +123,7 @@ class Job:
     outputs: Outputs
 
     def ended(self, status: str, reason: str = "", **more: Any) -> Outcome:
-        """The row of the summary for this scene."""
+        """The outcome of this scene; `more` are further fields of `Outcome`."""
         return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
@@ -130,15 +131,15 @@ class Job:
 class Outcome:
     """Result of one scene: a row of the summary."""
 
-    name: str
-    inputs: str
-    output: str
+    name: str  # name of the scene
+    inputs: str  # paths of the scene, separated by ";"
+    output: str  # path of the image
     status: str  # "done", "finished before", "to do", "no water" or "failed"
-    reason: str = ""  # why, where it failed, has no water, or is to be done again
-    seconds: float = 0.0
-    method: str = ""
-    corrected: float | None = None  # share of the pixels
-    warnings: int = 0  # how many the sidecar holds
+    reason: str = ""  # why it failed, has no water, or is to be done again
+    seconds: float = 0.0  # duration [s]
+    method: str = ""  # method of removal
+    corrected: float | None = None  # share of the pixels that were corrected [1]
+    warnings: int = 0  # number of warnings in the sidecar
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
@@ -160,7 +161,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
                 f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
                 "with columns path and name."
             )
-    # what is not there yet can be no file that is read
+    # an output that does not exist yet cannot be an input file
     if there := [path for job in jobs for path in job.outputs.every() if path.exists()]:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
         named = [order.recipe.sample, order.recipe.mask, str(order.opening.get("sensor")), *order.reads]
@@ -170,7 +171,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Whether a scene is finished, to do, or cannot be processed because of existing files ("failed"), and why."""
+    """Status of a scene before it is processed, and the reason; "failed": its outputs exist, but do not match."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -199,11 +200,11 @@ def run_batch(
     """Remove glint from many scenes and return the outcome of each, in their order.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
-    divided evenly). `overwrite` recomputes outputs of another recipe or of another input; finished scenes are never
-    recomputed. `dry_run` only reports what would be done. `done` is called with the outcome of each scene at its end.
+    divided evenly). `overwrite` replaces existing outputs that do not come from this recipe and these inputs; finished
+    scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with each outcome.
 
-    Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or
-    another batch that runs in it.
+    Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or in
+    which another batch runs.
     """
     jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
@@ -236,7 +237,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run the jobs on `count` processes of some threads each; `ended` is called with the number of each job."""
+    """Run jobs on `count` processes of some threads each; `ended` is called with number and outcome of each job."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 
@@ -261,7 +262,7 @@ def _run_jobs(
 
 
 class _Worker:
-    """A process that runs one scene after the other; a new one is started where it has crashed."""
+    """A process that runs one job after the other; if it has crashed, a new process is started for the next job."""
 
     def __init__(self, order: Order, threads: int) -> None:
         self._order, self._threads = order, threads
@@ -277,7 +278,7 @@ class _Worker:
         theirs.close()
 
     def run(self, job: Job) -> Outcome:
-        """The outcome of a job; meanwhile what the worker logs is logged here."""
+        """Run a job in the worker process and return its outcome; log what the worker logs meanwhile."""
         begun = time.perf_counter()
         if not self.process.is_alive():
             self.start()
@@ -294,14 +295,15 @@ class _Worker:
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
-    """Main loop of a worker: run jobs until the batch process ends it, or has ended.
+    """Main loop of a worker process: run jobs until the batch process ends the worker, or has ended itself.
 
-    It sends all its log records if it `talks`, else only those of the remaining time.
+    `line` is a pipe: jobs come in, and outcomes and log records go out. If not `talks`, only log records on the
+    remaining time are sent.
     """
     sent = logging.getLogger("deglint" if talks else "deglint.timing")
     sent.setLevel(logging.INFO)
     sent.addHandler(QueueHandler(SimpleNamespace(put_nowait=line.send)))
-    logging.raiseExceptions = False  # where the batch process has ended
+    logging.raiseExceptions = False  # no traceback if the batch process has ended
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C does
     threading.Thread(target=_watch_parent, daemon=True).start()
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):

@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 
 def nearest(word: str, known: list[str]) -> str:
-    """Suggestion "; did you mean X?" if a known word is similar to this one, else an empty string.
+    """Suggestion "; did you mean X?" if one of the known words is similar to `word`, else an empty string.
 
     Examples
     --------
@@ -29,7 +29,7 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
-    """Decorator: an unknown keyword is a TypeError that suggests the closest known one.
+    """Decorator of functions: an unknown keyword raises TypeError, which suggests the closest known keyword.
 
     `more` are keywords that the function accepts through ``**``.
     """
@@ -51,7 +51,7 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[
 
 
 def described(value: Any) -> str:
-    """Short text for a value in an error message; an array is given by its shape.
+    """Short text for a value in an error message; for an array, its shape.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def described(value: Any) -> str:
 
 
 def as_path(value: Any, name: str) -> str:
-    """A path or GDAL name as text; raises InputError: the value is neither a path nor a non-empty text."""
+    """A path or GDAL name as text; raises InputError if the value is neither a path nor a text, or is empty."""
     if isinstance(value, str) and value:
         return value
     if isinstance(value, os.PathLike) and isinstance(path := os.fspath(value), str):
@@ -78,26 +78,26 @@ def as_path(value: Any, name: str) -> str:
 
 
 def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
-    """Check the type of a value; raises InputError: it has another, with a message that ends with `remedy`."""
+    """Check the type of a value; if it has another type, raise InputError with a message that ends with `remedy`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
 
 
 def check_choice(value: Any, known: list[str], name: str) -> None:
-    """Check that a value is one of the known words; raises InputError: it is not, with the words and the closest."""
+    """Check that a value is one of the known words; if not, raise InputError with them and the closest one."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")
 
 
 def check_number(value: Any, low: float, high: float, name: str) -> None:
-    """Check that a value is a number from `low` to `high`; raises InputError: it is not."""
+    """Check that a value is a number from `low` to `high`; if not, raise InputError."""
     if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")
 
 
 def from_plain(kind: Any, value: Any) -> Any:
-    """A value of a type from its JSON form: dataclasses from objects, tuples from lists; other keys are ignored.
+    """Convert a JSON value to the type `kind`: objects to dataclasses, lists to tuples; unknown keys are ignored.
 
     Raises TypeError, ValueError: the value is of another type, or a field is missing.
     """

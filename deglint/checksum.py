@@ -16,14 +16,14 @@ _CHUNK = 4 << 20
 _VIEWER_FILES = (".aux.xml", ".ovr")
 """Endings of files that viewers write beside a raster; they may change during a run, as GDAL reads them only when it
 opens the raster."""
-Stamp = tuple[int, int, int, int]
+Stamp = tuple[int, int, int, int]  # size [byte], modification time [ns], inode and change time [ns] of a file
 
 
 class Checksum:
-    """CRC-32 of all files behind some names, computed in a separate thread during the run.
+    """CRC-32 of all files that are read for some GDAL names, computed in a separate thread during the run.
 
-    Names that are not local files (/vsis3/, zip://) have no checksum. Files behind the names `aside`, such as a mask,
-    must not change either, but are not listed.
+    Names that are not local files (/vsis3/, zip://) have no checksum. Files of the names `aside`, such as a mask, must
+    not change during the run either, but are not listed in the result.
     """
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
@@ -45,7 +45,7 @@ class Checksum:
         return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
 
     def fingerprints(self) -> list[dict[str, Any]]:
-        """The same with modification times."""
+        """The list of `result` with the modification time [ns] of each file; a changed file is no error."""
         self._thread.join()
         return self._found
 
@@ -58,7 +58,7 @@ class Checksum:
                 continue
             one, two = self._before.get(path), after.get(path)
             same = one == two and (path in self._before) == (path in after)
-            if not same and one and two and one[:3] == two[:3]:  # its time may have been set back
+            if not same and one and two and one[:3] == two[:3]:  # the time may have been reset
                 same = fingerprint(path)["crc32"] == crcs.get(path, "")
             if not same:
                 return path
@@ -69,7 +69,7 @@ class Checksum:
 
 
 def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """`fingerprint` of every file behind some names, by path."""
+    """`fingerprint` of every file that is read for some GDAL names, by path."""
     return {path: fingerprint(path) for path in files_behind(names)}
 
 
@@ -86,7 +86,7 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
 
 
 def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether the files behind some names are those in `said` (from `Checksum.fingerprints`, by name), unchanged."""
+    """Whether the files that are read for some GDAL names are the files in `said` (fingerprints by path), unchanged."""
     files = files_behind(names)
     return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
 
@@ -102,7 +102,7 @@ def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
 
 
 def _stamp(path: str | Path) -> Stamp | None:
-    """Size, modification time, inode and change time of a local file; None if it is not a regular file."""
+    """The stamp of a local file; None if it is not a regular file."""
     try:
         found = Path(path).stat()
     except (OSError, ValueError):

@@ -4,9 +4,9 @@ A block is cut into square cells that are aligned with the *scene's* origin, not
 reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
 tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
 
-A cell is reduced while it is in cache: in one pass about a typical pixel; or, where that lies far from the mean or
-pixels are missing, in two passes, first the mean and then the moments about it. Cells are merged with the update of
-Chan, Golub and LeVeque (1983); means are stored as sums of two doubles. No large sums of squares are formed, so an
+A cell is reduced while it is in cache, in one pass: moments about a typical pixel. If this pixel lies far from the mean
+or pixels are missing, there are two passes: first the mean, then the moments about it. Cells are merged with the update
+of Chan, Golub and LeVeque (1983); means are stored as sums of two doubles. No large sums of squares are formed, so an
 offset of 1e8 or one extreme pixel costs no precision.
 
 References
@@ -29,8 +29,8 @@ from .errors import InputError
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _NEAR_MEAN = 0.9
-"""Largest share of the sum of squares about a typical pixel that is due to its distance from the mean: a loss of three
-bits."""
+"""Largest share [1] of the sum of squares about a typical pixel that comes from its distance from the mean: it costs
+three bits of precision."""
 CELL = 64  # side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics
 
 
@@ -46,7 +46,7 @@ class Moments:
     comoment : (variables, variables) ndarray
         Sum over pixels of (x - mean)(x - mean)^T; not finite for values above about 1e150.
     minimum, maximum : (variables,) ndarray
-        +inf and -inf where n is 0.
+        Smallest and largest value; +inf and -inf where n is 0.
     rest : (variables,) ndarray
         Rounding error of the mean, so that parts merge without loss.
     """
@@ -79,7 +79,7 @@ class CellMoments:
 
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
-        """One cell, at the origin."""
+        """Moments as one cell, at the origin of the scene."""
         return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
 
     @classmethod
@@ -92,10 +92,10 @@ class CellMoments:
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
     def joined(self, levels: int) -> CellMoments:
-        """Cells merged in groups of 2**levels neighbours in a row, counted from the edge of the scene; in row-major
-        order.
+        """Merge the cells of each row in groups of 2**levels columns, counted from the left edge of the scene.
 
-        Within a group, neighbours are merged first. Groups that are merged already do not change.
+        Within a group, neighbours are merged first. Groups that are merged already do not change. The result is in
+        row-major order.
         """
         out = self.by_place()
         for level in range(1, levels + 1):
@@ -111,7 +111,7 @@ class CellMoments:
         return CellMoments.concatenate([both._neighbours_merged(), self.where(alone)]).by_place()
 
     def _neighbours_merged(self) -> CellMoments:
-        """Merge cells 0 and 1, 2 and 3, ... (Chan, Golub and LeVeque); an odd last cell is kept."""
+        """Merge cells 0 and 1, 2 and 3, ... by the update of Chan, Golub and LeVeque; an odd last cell is kept."""
         even = len(self.n) // 2 * 2
         a, b = self.where(slice(0, even, 2)), self.where(slice(1, even, 2))
         n = a.n + b.n
@@ -128,7 +128,7 @@ class CellMoments:
         return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
 
     def total(self) -> Moments:
-        """Merge all cells, neighbours in the current order first."""
+        """Merge all cells into one; neighbours in the current order first."""
         if not len(self.n):
             variables = self.mean.shape[1]
             return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
@@ -173,7 +173,7 @@ def cell_moments(
     if mask is not None and mask.shape != block.shape[1:]:
         raise InputError(f"mask has shape {mask.shape}, but rows and columns of the block are {block.shape[1:]}.")
     edges = [_edges(first, length, cell) for first, length in zip(origin, block.shape[1:], strict=True)]
-    keys, found = [(0, 0)], [_two_passes(np.empty((len(block), 0)))]  # a cell without pixels, for the shapes
+    keys, found = [(0, 0)], [_two_passes(np.empty((len(block), 0)))]  # an empty cell, for the shapes; left out below
     with np.errstate(over="ignore", invalid="ignore"):  # whoever uses a moment tests whether it is finite
         for row, rows in edges[0]:
             for column, columns in edges[1]:
@@ -186,14 +186,15 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Cells along one axis of a block that starts at pixel `first`: number of each, and its pixels in the block."""
+    """Cells along one axis of a block that starts at pixel `first`: number of each, and slice of its pixels."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 
 
 def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
-    """A share of 1 / `share` of the masked pixels, selected by a hash of their position in the scene: independent of
-    tiles.
+    """Keep about one in `share` pixels of a mask, selected by a hash of their row and column in the scene.
+
+    `origin` is the row and column of the first pixel of the mask, so the selection does not depend on tiles.
     """
     if share <= 1:
         return mask
@@ -205,7 +206,7 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
     """Whether `thinned` keeps the pixel of this row and column.
 
-    If a share divides another, the pixels of the larger share are among those of the smaller.
+    Pixels that are kept for a `share` are also kept for every divisor of `share`.
     """
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)
@@ -219,7 +220,7 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
-    """Moments of the pixels of one cell, (variable, row, column); in one pass where that loses no precision."""
+    """Moments of the pixels of one cell, (variable, row, column), in one pass if possible, else in two."""
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
         one = _one_pass(x)
@@ -231,8 +232,9 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
 
 
 def _one_pass(x: Float64) -> Reduced | None:
-    """Moments in one pass about a typical pixel, which is subtracted from `x`; None if that would lose precision, or a
-    value is not finite.
+    """Moments of `x` (variable, pixel) in one pass; None if that loses precision, or a value is not finite.
+
+    A typical pixel is subtracted from `x`, which is changed.
     """
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
@@ -248,7 +250,7 @@ def _one_pass(x: Float64) -> Reduced | None:
 
 
 def _two_passes(x: Float64) -> Reduced:
-    """Moments in two passes: the mean, then the moments about it; also the rounding error of the mean."""
+    """Moments of finite `x` (variable, pixel) in two passes: the mean, then moments about it. `x` is changed."""
     count = x.shape[1]
     low, high = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
     if not count:
@@ -263,7 +265,7 @@ def _two_passes(x: Float64) -> Reduced:
 
 
 def _typical(x: Float64) -> Float64:
-    """Median of the first, middle and last pixel: exact for constant data, and robust against one outlier."""
+    """Median of first, middle and last pixel for each variable; it is robust against one outlier."""
     a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
     return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
 

@@ -1,4 +1,4 @@
-"""HTML representation of objects in a notebook: a table of escaped text beside a small picture (an embedded PNG)."""
+"""HTML of objects for a notebook: a table of text beside a small picture (an embedded PNG)."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 PICTURE_SIDE = 192  # longest side of a picture [pixel]
 MOST_ROWS = 40  # most rows of a table; hyperspectral scenes have hundreds of bands
-GAMMA = 1.8
+GAMMA = 1.8  # pictures show values from 0 to 1 to the power 1 / GAMMA
 
 
 def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.uint8] | None = None) -> str:
@@ -23,7 +23,7 @@ def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.u
 
 
 def data_uri(picture: npt.NDArray[np.uint8]) -> str:
-    """The picture as a PNG in a data URI."""
+    """A picture (row, column, 3) as a PNG in a data URI."""
     import cv2
 
     _ok, png = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
@@ -31,7 +31,7 @@ def data_uri(picture: npt.NDArray[np.uint8]) -> str:
 
 
 def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
-    """Images (3, row, column) side by side, stretched from the 1st to the 99th percentile of the last."""
+    """Images (3, row, column) side by side, stretched from the 1st to the 99th percentile of the last image."""
     low, high = level(images[-1], 1), level(images[-1], 99)
     parts = []
     for image in images:
@@ -42,7 +42,7 @@ def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
 
 
 def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
-    """Percentile of the valid pixels of each band; 0 where there is none."""
+    """Percentile of the valid pixels of each band of (band, row, column); 0 for a band without valid pixels."""
     found = [band[np.isfinite(band)] for band in image]
     return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
 
@@ -55,7 +55,7 @@ def stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[An
 
 
 def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
-    """Bar chart of shares from 0 to 1, from left to right."""
+    """Picture (row, column, 3) of a bar chart: one bar for each share, 0 to 1, from left to right."""
     width = max(PICTURE_SIDE // max(len(shares), 1), 2)
     picture = np.full((PICTURE_SIDE // 2, width * len(shares), 3), 255, np.uint8)
     for i, share in enumerate(shares):

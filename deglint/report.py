@@ -17,10 +17,10 @@ LONGEST_PICTURE = 900  # longest side of each picture [pixel]
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
-    """A PNG of the scene before and after correction, with a caption.
+    """A PNG of the scene before and after correction (the file `result`), with a caption.
 
-    Both halves have the same stretch: black at the 1st percentile of the corrected bands, white at the 99.5th of them
-    or at the 90th of the raw ones, whichever is higher.
+    Both halves have the same stretch: black is the 1st percentile of each corrected band; white is its 99.5th
+    percentile, or the 90th percentile of the raw band, whichever is higher.
     """
     import cv2
 
@@ -40,7 +40,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
 
 def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
-    """Some bands as physical values, every n-th pixel of every n-th row, read by tiles."""
+    """Physical values of some bands, (band, row, column), every n-th pixel of every n-th row, read by tiles."""
     step = max(1, -(-max(scene.height, scene.width) // LONGEST_PICTURE))
     out = np.empty((len(bands), -(-scene.height // step), -(-scene.width // step)), np.float32)
     side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
-MIDDLE = 768  # side of the central part of a scene in a small picture [pixel]
+MIDDLE = 768  # largest side of the central part of a scene that a small picture shows [pixel]
 Window = tuple[tuple[int, int], tuple[int, int]]
 """((first row, last row + 1), (first column, last column + 1))."""
 
@@ -35,7 +35,7 @@ class Band:
     time_offset : float, optional
         Time of the band after the first band [s].
     group : str, optional
-        Bands with the same group are taken at (nearly) the same time.
+        Name; bands with the same group are taken at (nearly) the same time.
     saturation : float, optional
         Physical value from which on the band is saturated.
     """
@@ -52,7 +52,7 @@ class Source(Protocol):
     """Protocol of objects that read the pixels of a scene (made by `deglint.raster`; thread-safe)."""
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values, shape (len(bands), rows, columns), NaN where not valid."""
+        """Physical values of 0-based bands in a window, (band, row, column); NaN where not valid."""
         ...
 
 
@@ -122,7 +122,10 @@ class Scene:
             return None
 
     def rgb(self, among: Sequence[int]) -> list[int]:
-        """The bands nearest to red, green and blue of some bands, 0-based; if there are fewer, they are repeated."""
+        """0-based indexes of the bands in `among` nearest to red, green and blue.
+
+        If fewer than three wavelengths are known: the first three bands, repeated if there are fewer.
+        """
         waves = {b: w for b in sorted(among) if (w := self.bands[b].wavelength)}
         if len(waves) < 3:
             return [*among, *among, *among][:3]
@@ -130,7 +133,7 @@ class Scene:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(bands, rows, columns)."""
+        """Number of bands, rows and columns."""
         return len(self.bands), self.height, self.width
 
     @property

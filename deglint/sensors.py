@@ -15,7 +15,7 @@ from typing import Any, cast
 from .checks import from_plain
 from .errors import InputError
 
-UNVERIFIED = "unverified"
+UNVERIFIED = "unverified"  # commonly quoted, but no source was read
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +27,16 @@ class SensorBand:
     name : str
         Name given by the manufacturer.
     aliases : tuple of str
-        Other names in files.
+        Other names of the band in files.
     wavelength, width : float
         Centre and full width [nm].
     time_offset : float, optional
         Time of the band after the first band [s].
     time_status : str, optional
-        "verified", "unverified" or "defined"; None without an offset.
+        Where `time_offset` comes from: "verified" (a public source was read), "unverified" (often quoted, but no source
+        was read) or "defined" (a made-up sensor, or a value that the user gives); None without an offset.
     group : str, optional
-        Bands with the same group are taken at (nearly) the same time.
+        Name; bands with the same group are taken at (nearly) the same time.
     """
 
     name: str
@@ -59,13 +60,13 @@ class Optics:
     Attributes
     ----------
     aperture, focal_length : float, optional
-        [m]
+        Diameter of the aperture, and focal length [m].
     pixel_pitch : float, optional
-        Of the multispectral detector [um].
+        Distance between pixels of the multispectral detector [um].
     f_number : float, optional
         Focal length over aperture.
     status : str
-        "verified", "unverified" or "defined".
+        Where these values come from, as `SensorBand.time_status`.
     """
 
     aperture: float | None = None
@@ -86,9 +87,9 @@ class Sensor:
     bands : tuple of SensorBand
         In the order of the manufacturer's product.
     ordered : bool
-        False if products have different band orders: match by name or wavelength only.
+        False if the order of bands differs between products: they are matched by name or wavelength only.
     wavelength_status, width_status, group_status : str
-        "verified", "unverified" or "defined".
+        Where these values of the bands come from, as `SensorBand.time_status`.
     optics : Optics, optional
         None if not known.
     products : tuple of tuple of str
@@ -110,7 +111,7 @@ class Sensor:
     sources: tuple[str, ...] = ()
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
-        """The bands of the product with `count` bands, in its order; empty if not known, or if the order varies.
+        """The bands of the product that has `count` bands, in its order; empty if not known, or if orders differ.
 
         >>> [b.name for b in load("sentinel2").product(4)]
         ['B02', 'B03', 'B04', 'B08']
@@ -124,7 +125,7 @@ class Sensor:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Numbers of bands of its known products."""
+        """Numbers of bands that its known products have; empty if the order of bands differs between products."""
         return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
     def describe_bands(self) -> str:
@@ -142,7 +143,7 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> Sensor:
-    """The preset with that name or alias (case, blanks and punctuation are ignored).
+    """The sensor preset with this name or alias (case, blanks and punctuation do not matter).
 
     Raises
     ------
@@ -164,7 +165,7 @@ def load(name: str) -> Sensor:
 
 
 def find(name: str) -> Sensor | None:
-    """As `load`, but None if there is no such preset."""
+    """The sensor preset with this name or alias, as `load`, but None if there is no such preset."""
     wanted = normalise(name)
     for sensor in _table().values():
         if wanted in map(normalise, (sensor.name, *sensor.aliases)):
@@ -187,7 +188,7 @@ def _table() -> dict[str, Sensor]:
 
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
-    """A sensor from a checked entry of the table."""
+    """Make a sensor from a checked entry of `sensors.toml`, or of a file like it."""
     values = {"width_status": entry["wavelength_status"], **entry, "name": name}
     time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
     values["bands"] = [(time_status if "time_offset" in band else {}) | band for band in entry["bands"]]

@@ -22,15 +22,15 @@ from .scene import Window
 
 Result = TypeVar("Result")
 Run = Callable[..., Iterator[tuple[Any, Any]]]
-"""Type of functions that run work on tiles, with the signature of `run`."""
-SAMPLES = 4 << 20  # values (pixels times bands) that a tile aims at
-MOST_SAMPLES = 32 << 20  # values that a tile may have where the file's blocks ask for it
-SAMPLES_AT_ONCE = 32 << 20  # values that may be worked on at the same time; large tiles get fewer threads
-COMPACT = 512  # side of the tiles of work that needs a halo and many copies [pixel]
+"""Type of functions that run work on tiles, as `run` does."""
+SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
+MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
+SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads
+COMPACT = 512  # usual side of tiles for work that needs a halo and many copies [pixel]
 MOST_WITH_HALO = 3 << 20
 """Most values of such a tile with its halo: removal holds a prediction for every band. With 5 << 20, two threads take
-310 MB in place of 225, and the same time."""
-LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the file is in strips
+310 MB instead of 225 MB, in the same time."""
+LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the blocks of the file are strips
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,42 +44,42 @@ class Tile:
 
     @property
     def window(self) -> Window:
-        """As `Scene.read` takes it."""
+        """The window of the tile, for `Scene.read`."""
         return (self.row0, self.row1), (self.col0, self.col1)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """Number of rows and columns."""
         return self.row1 - self.row0, self.col1 - self.col0
 
     @property
     def pixels(self) -> int:
-        """Number of its pixels."""
+        """Number of pixels of the tile."""
         return math.prod(self.shape)
 
     def grown(self, halo: int, height: int, width: int) -> Tile:
-        """The tile with a halo around it, as far as the scene goes."""
+        """The tile with a halo [pixel] around it, cut at the edges of a scene of `height` x `width` pixels."""
         rows = max(self.row0 - halo, 0), min(self.row1 + halo, height)
         return Tile(*rows, max(self.col0 - halo, 0), min(self.col1 + halo, width))
 
     def split(self, side: int) -> list[Tile]:
-        """Squares of a side that it is made of, from its first pixel on, in row-major order."""
+        """Cut the tile into squares of `side` pixels, smaller at its right and lower edges, in row-major order."""
         rows, columns = range(self.row0, self.row1, side), range(self.col0, self.col1, side)
         return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
 
     def within(self, outer: Tile) -> tuple[Any, slice, slice]:
-        """Slices of the tile in an array of a larger tile, (row, column), or with bands before them."""
+        """Index of this tile in an array of a larger tile, (row, column) or (band, row, column)."""
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 
     def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
-        """Rows above and below, columns left and right, by which `outer` exceeds this tile."""
+        """Number of rows above and below, and of columns left and right, by which `outer` exceeds this tile."""
         above, left = self.row0 - outer.row0, self.col0 - outer.col0
         return above, outer.row1 - self.row1, left, outer.col1 - self.col1
 
 
 def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the tiles for a scene stored in blocks of (rows, columns)."""
+    """Rows and columns of the tiles for a scene whose file has blocks of (rows, columns)."""
     side = int(math.sqrt(SAMPLES / bands)) // CELL * CELL
     side = min(max(side, CELL), LONGEST_SIDE)
     if block[1] >= width and block[0] < height:  # strips: whole rows, so that none is read twice
@@ -90,14 +90,18 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 
 def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
-    """Tiles for work that needs a halo and many copies: wide and not low, for the halo's sake, but small with it."""
+    """Rows and columns of the tiles for work that needs a halo [pixel] and many copies.
+
+    `shape` is the usual shape of tiles, `block` the shape of the file's blocks. With its halo, a tile has at most about
+    `MOST_WITH_HALO` values; within this limit it is wide, so that little is read twice for the halo.
+    """
     rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
     wide = (MOST_WITH_HALO // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
     return rows, _side(min(max(wide, min(shape[1], COMPACT)), 2 * COMPACT), block[1], 1)
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """A multiple of the cell and, if it does not grow too large, of the block's side."""
+    """A multiple of `CELL` near `side` and, if it does not get too large, of the side of the block [pixel]."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -114,9 +118,9 @@ def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
 
 
 def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
-    """Some of the tiles, evenly spread over the scene, that hold about `pixels` pixels (all where they fit).
+    """Select tiles, evenly spread over the scene, that hold about `pixels` pixels; all tiles if they hold fewer.
 
-    A regular lattice in row-major order, shifted from row to row, always the same for the same tiles.
+    They form a regular lattice, shifted from row to row, in row-major order. The same tiles give the same selection.
     """
     area = max(t.pixels for t in everything)
     wanted = max(pixels // area, 1)
@@ -138,12 +142,12 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
 
 
 def default_threads() -> int:
-    """Processors that this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
-    """As many of the threads as can work at once on tiles of this size in bounded memory; at least one."""
+    """Number of threads, at least 1, that can process tiles of (rows, columns) at the same time in bounded memory."""
     return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 
@@ -157,8 +161,8 @@ def run(
 ) -> Iterator[tuple[Tile, Result]]:
     """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
 
-    Each thread calls `start` before its first tile.
-    An error, or the consumer's leaving, cancels what has not begun and waits for what has.
+    Each thread calls `start` before its first tile. `progress` is called with the number of finished and of all tiles.
+    After an error, or if the caller stops iterating, no tile is started any more, and running tiles are finished.
     """
     total = len(everything)
     with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
@@ -180,9 +184,9 @@ def run(
 
 
 def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], Result]) -> Iterator[Result]:
-    """Combine the results of every row of tiles, as `run` yields them.
+    """Combine the results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
 
-    The first level of a reduction, which depends on the row's tiles alone: the same for any threads and workers.
+    This is the first level of a reduction. It depends on the tiles only, not on the number of threads or workers.
     """
     with closing(done):  # type: ignore[type-var]
         for _row0, row in groupby(done, key=lambda one: one[0].row0):

@@ -1,20 +1,20 @@
-"""Remaining time of a stage, from the rate of finished tiles; and progress as log lines."""
+"""Progress of a stage as log lines, with its remaining time from the rate of finished tiles."""
 
 import logging
 import time
 
-LOG_EVERY = 30.0  # least time between two log lines on progress [s]: a stage that takes less needs none
+LOG_EVERY = 30.0  # least time between two log lines on progress [s]; a shorter stage logs none
 log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """A progress function that logs at most every `LOG_EVERY` seconds, the first time that long after a stage began."""
+    """A progress function that logs at most once in `LOG_EVERY` seconds, first this long after a stage began."""
 
     def __init__(self) -> None:
         self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0
 
     def left(self, stage: str, done: int, total: int) -> str:
-        """Time left of a stage, at the mean rate since its first report; "" at the first."""
+        """Remaining time of a stage as text, from the mean rate since its first report; "" at the first report."""
         now = time.monotonic()
         if stage != self._stage or done <= self._first:
             self._stage, self._first, self._begun, self._said = stage, done, now, now
@@ -22,7 +22,7 @@ class Reporter:
         return duration((now - self._begun) / (done - self._first) * (total - done))
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Take in that `done` of `total` tiles are finished."""
+        """Report that `done` of `total` tiles of a stage are finished."""
         left = self.left(stage, done, total)
         if left and done < total and time.monotonic() - self._said >= LOG_EVERY:
             self._said = time.monotonic()
@@ -30,7 +30,7 @@ class Reporter:
 
 
 def duration(seconds: float) -> str:
-    """A time for people.
+    """A duration [s] as short text.
 
     Examples
     --------

@@ -7,8 +7,8 @@
 
     clean = scene.deglint.remove()  # or as an accessor; of a Dataset, too
 
-The same functions of a tile run as for files, on the array's own chunks with a halo, so the numbers are those of
-`deglint remove` to the bit. Takes what rioxarray, odc-stac and stackstac give.
+The functions that process the tiles of a file also process the chunks of an array, with a halo. The result is therefore
+the result of `deglint remove`, to the bit. Arrays may come from rioxarray, odc-stac or stackstac.
 """
 
 import contextlib
@@ -51,28 +51,28 @@ def fit(
     array: Any, recipe: Recipe | str = "auto", *, threads: int | None = None, sensor: str | None = None,
     nodata: float | str | None = None,
 ) -> Fitted:  # fmt: skip
-    """Fit a recipe to a DataArray; of a lazy one, what the sample needs is computed now.
+    """Fit a recipe to a DataArray; of a lazy array, the pixels that the fit needs are computed now.
 
     Parameters
     ----------
     array : DataArray
         Dimensions y, x and band in any order, others of size 1; see `deglint.readers.arrays.open_array`.
     recipe : Recipe or str
-        What to do, or a method's name.
+        Options of the removal, or the name of a method.
     threads : int, optional
-        All processors by default; the result does not depend on it.
+        Number of threads, by default one for each processor; the result does not depend on it.
     sensor, nodata : str, and float or str, optional
-        As `deglint.open_scene`.
+        As in `deglint.open_scene`.
 
     Returns
     -------
     Fitted
-        `fitted.model` prints well, and can be saved.
+        Its `model` prints well, and can be saved.
 
     Raises
     ------
     InputError, BandError, FitError, NoWaterError
-        As `deglint.fit_scene`; the optional dependency is missing.
+        As in `deglint.fit_scene`; a DeglintError if xarray is not installed.
     """
     need_xarray()
     recipe = recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
@@ -84,21 +84,22 @@ def apply(
     array: Any, fitted: Fitted | GlintModel, *, mask: str = "auto", chain: Chain | None = None,
     dtype: str | None = None, threads: int | None = None, **reading: Any,
 ) -> Any:  # fmt: skip
-    """Correct a DataArray with what was fitted; of a lazy one nothing is computed.
+    """Correct a DataArray with a fitted recipe or model; the result for a lazy array is lazy.
 
     Parameters
     ----------
     array : DataArray
     fitted : Fitted or GlintModel
-        Of `fit`; or a model alone, from this scene or another, for which water is looked for first.
+        The result of `fit`; or a model alone, from this scene or another. With a model alone and `mask` "auto", pixels
+        are computed now, to find water.
     mask : str
-        With a model alone: as in `Recipe`.
+        With a model alone: the pixels to correct, as in `Recipe`.
     chain : Chain, optional
         With a model alone: the compensation that was fitted with it.
     dtype : str, optional
-        "float32" or "float64"; the array's own by default. Integers are rounded, and saturate.
+        "float32" or "float64"; by default the type of the array. Values of integer types are rounded and clipped.
     threads, **reading
-        threads, sensor, nodata: as `fit`.
+        threads, sensor, nodata: as in `fit`.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def apply(
     Raises
     ------
     InputError, BandError, NoWaterError
-        The array does not fit what was fitted.
+        The bands or the type of the array do not match the fit, or no water is found.
     """
     need_xarray()
     opened = open_array(array, **reading)
@@ -148,10 +149,10 @@ def remove(
     Parameters
     ----------
     array : DataArray or Dataset
-        A Dataset has one variable a band, as odc-stac gives it, or variables with a dimension band. Each entry of a
-        further dimension, such as time, is a scene of its own.
+        A Dataset has one variable for each band, as odc-stac gives it, or variables with a dimension band. Each entry
+        of a further dimension, such as time, is processed as a separate scene.
     recipe, dtype, threads, sensor, nodata
-        As `fit` and `apply`.
+        As in `fit` and `apply`.
 
     Returns
     -------
@@ -160,7 +161,7 @@ def remove(
     Raises
     ------
     InputError, BandError, FitError, NoWaterError
-        As `fit` and `apply`.
+        As in `fit` and `apply`.
 
     Examples
     --------
@@ -187,7 +188,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """One entry of a further dimension, such as time; without water it is copied."""
+    """Process one entry of a further dimension, such as time; an entry without water is copied."""
     try:
         return work(array)
     except NoWaterError as error:
@@ -197,7 +198,7 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
 
 
 def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
-    """A Dataset whose variables with a dimension of bands, or else those that are bands, are worked on."""
+    """Do `work` on each variable that has a dimension of bands; if none has it, on all variables stacked as bands."""
     deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
     if deep:
         return dataset.assign({n: work(dataset[n]) for n in deep})
@@ -206,9 +207,10 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
 
 
 def stack(dataset: Any) -> Any:
-    """A Dataset of one variable a band as one DataArray with dimension band; attributes that all share are kept.
+    """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
-    Where the wavelengths of two variables or more are known, only these are bands: classes and masks are left out.
+    If the wavelengths of at least two variables are known, only these variables are bands: classes and masks are left
+    out.
 
     Raises
     ------
@@ -231,7 +233,7 @@ def stack(dataset: Any) -> Any:
 
 
 def need_xarray() -> Any:
-    """The xarray module, or one line that names the extra."""
+    """The xarray module; raises DeglintError with the command that installs it, if it is missing."""
     try:
         return import_module("xarray")
     except ModuleNotFoundError as error:
@@ -251,7 +253,7 @@ def over_tiles(
 ) -> Any:  # fmt: skip
     """Run `work` on a scene's tiles: lazily on the chunks of a Dask array; else at once, on threads.
 
-    `work` must be picklable; it gets a scene from which the tile and `reach` pixels around it can be read. `like` gives
+    `work` must be picklable; it gets a scene from which the tile and `reach` pixels around it can be read. `like` holds
     the number of bands and the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples
     of `step` [pixel].
     """
@@ -283,7 +285,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
 def _of_chunk(
     scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
 ) -> npt.NDArray[Any]:
-    """Run the work on a chunk with the pixels around it; `block_info` (from dask) gives its position."""
+    """Run `work` on a chunk with `reach` pixels around it; `block_info` (from dask) gives its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
@@ -291,7 +293,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunks with edges moved up to multiples of `step`, of at least `least` pixels each."""
+    """Sizes of chunks along an axis, their edges moved up to multiples of `step`, each at least `least` [pixel]."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step
@@ -301,11 +303,12 @@ def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
 
 
 class Deglint:
-    """`array.deglint` and `dataset.deglint`, once `deglint.xr` is imported.
+    """The xarray accessor `deglint`: `array.deglint` and `dataset.deglint`, after `deglint.xr` is imported.
 
     Parameters
     ----------
     given : DataArray or Dataset
+        The object to which the accessor belongs.
 
     Examples
     --------
@@ -326,7 +329,7 @@ class Deglint:
         return fit(self._given if hasattr(self._given, "data") else stack(self._given), recipe, **options)
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
-        """Correct with what was fitted: see `deglint.xr.apply`."""
+        """Correct with a fitted recipe or model: see `deglint.xr.apply`."""
         work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
         return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
 

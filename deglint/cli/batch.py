@@ -103,7 +103,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
 
 
 def summary(found: list[Any]) -> list[str]:
-    """Lines of the summary: a table of the scenes, and the number of scenes by status."""
+    """Lines of the summary: a table of the outcomes of the scenes, and the number of scenes by status."""
     rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
@@ -116,7 +116,7 @@ def summary(found: list[Any]) -> list[str]:
 
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
-    """Line with the total size of some scenes, from their headers."""
+    """Text on the total size of some scenes, from their headers; `options` are keywords of `deglint.open_scene`."""
     from ..errors import DeglintError
     from ..raster.environment import environment
     from ..readers import open_scene
@@ -145,7 +145,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
 
 
 def _watch(total: int, console: Console) -> Callable[[Outcome], None]:
-    """Callback that logs a line for each finished scene; on a terminal it shows the progress and the remaining time."""
+    """Callback for each finished scene: it logs a line, and shows the progress and the remaining time on a terminal."""
     numbers = count(1)
 
     def done(scene: Outcome) -> None:

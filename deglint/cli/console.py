@@ -14,14 +14,14 @@ from ..timing import Reporter
 
 LOGGERS = ("deglint", "detect")
 LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
-"""Prefix of log lines of these levels, and its colour on a terminal."""
+"""Level of a log line: prefix of the line, and colour of the prefix on a terminal."""
 
 
 class Console(logging.Handler):
     """Handler of the project's loggers, installed within its `with` block.
 
-    `given` holds the command's options "verbose" (number of -v) and "quiet"; `level` is the lowest level that is shown
-    with neither of them.
+    `given` holds the options of the command, with "verbose" (number of -v) and "quiet". Without these two, messages of
+    `level` and above are shown.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:
@@ -38,7 +38,7 @@ class Console(logging.Handler):
             self._before.append((logger.level, logger.propagate))
             logger.addHandler(self)
             logger.setLevel(self._shown)
-            logger.propagate = False  # the program around, such as rio, would print each line again
+            logger.propagate = False  # a program that calls this command, such as rio, would print each line again
         return self
 
     def __exit__(self, *_error: object) -> None:

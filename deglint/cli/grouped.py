@@ -19,7 +19,7 @@ OPTION_GROUPS = {
     "Processing": ("threads", "jobs", "cluster", "workers", "worker_memory"),
     "Messages": ("as_json", "verbose", "quiet", "help"),
 }  # fmt: skip
-"""Headings and the names of the parameters below them; other parameters are listed under "Input"."""
+"""Headings, and the names of the options below each; all other options are listed under "Input"."""
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a grouped command
 
 
@@ -29,7 +29,7 @@ class _Formatter(click.HelpFormatter):
 
 
 class BoldContext(click.Context):
-    """click context whose help has bold headings on a terminal."""
+    """Context of click whose help has bold headings on a terminal."""
 
     formatter_class = _Formatter
 
@@ -55,7 +55,7 @@ class Grouped(click.Command):
 
 
 class Judging(Grouped):
-    """Option groups of `rxdetect roc` and `rxdetect bench`."""
+    """Command with the option groups of `rxdetect roc` and `rxdetect bench`."""
 
     groups: ClassVar[dict[str, tuple[str, ...]]] = {
         "What to do": (

@@ -40,7 +40,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
 
 
 def lines(found: dict[str, Any]) -> list[str]:
-    """The findings as lines of text."""
+    """The result of `deglint.examine` as lines of text."""
     size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
     pixel = "" if found["pixel_size"] is None else ", {:.4g} x {:.4g} m on the ground".format(*found["pixel_size"])
     out = [

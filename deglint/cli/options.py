@@ -10,32 +10,32 @@ import click
 from click.shell_completion import CompletionItem
 
 log = logging.getLogger(__name__)
-# what --help of commands shows without loading the simulator and the planner; tests hold them equal to theirs
+# names for --help, which loads neither the simulator nor the planner; tests compare them with the real names
 SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class AutoOr(click.Choice[str]):
-    """Option value: "auto" (or another given word), or a key of a table whose module is imported when needed."""
+    """Type of option values: "auto" (or other `words`), or a key of `table` in a module, imported when needed."""
 
     def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Allowed values."""
+        """All allowed values."""
         return (*self._words, *getattr(import_module(self._module), self._table))
 
 
 class FileName(click.Path):
-    """Option value that a shell completes to file names, to given words such as "auto", or to names of sensors."""
+    """Type of option values that a shell completes to file names, to `words` such as "auto", or to sensor presets."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
         self._words, self._presets = words, presets
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """The words of the option that start with what was typed, then files."""
+        """The words of the option that start with the typed text, then file names."""
         from ..sensors import names as presets
 
         words = (*self._words, *(presets() if self._presets else ()))
@@ -47,7 +47,7 @@ FILE = FileName()
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Turn NAME=VALUE into a dict; the case of the value is kept."""
+    """Callback that turns texts NAME=VALUE into a dict; the case of the value is kept."""
     out = {}
     for text in values:
         name, sign, value = text.partition("=")
@@ -58,12 +58,12 @@ def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple
 
 
 def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
-    """Split "NIR1,NIR2" at commas; the option may also be repeated."""
+    """Callback that splits texts such as "NIR1,NIR2" at commas; the option may also be repeated."""
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
 def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
-    """Callback that parses one text, or each of several, by `read`; its ValueError becomes a usage error."""
+    """Callback that parses one or several texts by `read`; a ValueError becomes a usage error that says `wrong`."""
 
     def one(text: str) -> Any:
         try:
@@ -116,13 +116,13 @@ common = with_options(
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of the input as keywords of `deglint.open_scene`."""
+    """The options on reading the input, as keywords of `deglint.open_scene`."""
     same = {name: given[name] for name in ("sensor", "nodata", "wavelengths", "scale", "offset")}
     return same | {"bands": given["band_names"]}
 
 
 def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
-    """Report a usage error if only one file is named, which click takes for OUT."""
+    """Raise a usage error if only one file is given: click takes it for OUT, and IN is missing."""
     if not inputs:
         stem, _, _ = output.rpartition(".")
         raise click.UsageError(
@@ -144,7 +144,7 @@ on_cluster = with_options(
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """The cluster selected by the options, or None; at the end the memory that its workers used is logged."""
+    """The Dask cluster that the options select, or None; at the end, log how much memory its workers used."""
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:

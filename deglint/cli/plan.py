@@ -13,13 +13,13 @@ from .options import FILE, SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
-# What --help shows without loading the planner; a test holds them equal to it.
+# Names for --help, which does not load the planner; a test compares them with the real names.
 SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian", "cox-munk-isotropic", "breon-henriot")
 WATER_NAMES = ("scattering", "absorption")
 
 
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
-    """Callback that reads "A@B" into {first: A, second: B}, or "A" into {first: A}."""
+    """Callback that parses "A@B" into {first: A, second: B}, or "A" into {first: A}; A and B are numbers."""
 
     def read(text: str) -> dict[str, float]:
         head, sign, tail = text.partition("@")
@@ -29,7 +29,7 @@ def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] 
 
 
 def minutes(text: str) -> float:
-    """Number of minutes in "30min", "1h" or "0.5h"; a number without unit is minutes."""
+    """Number of minutes in "30min", "1h" or "0.5h"; without unit, minutes. Raises ValueError if not 1 to 1440."""
     found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", text)
     count = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
     if not 1.0 <= count <= 1440.0:
@@ -39,7 +39,7 @@ def minutes(text: str) -> float:
 
 read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 
-NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and key of a mission, unit, what it says
+NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and key in a mission file, unit, help
     ("--lat", "place.latitude", "DEG", "Latitude, north positive."),
     ("--lon", "place.longitude", "DEG", "Longitude, east positive."),
     ("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
@@ -68,7 +68,7 @@ NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and k
 
 
 def _numbers(chosen: slice) -> list[Callable[..., Any]]:
-    """Options that take one number."""
+    """Options that take one number: the `chosen` part of `NUMBER_OPTIONS`."""
     return [click.option(name, type=float, metavar=unit, help=said) for name, _, unit, said in NUMBER_OPTIONS[chosen]]
 
 
@@ -170,7 +170,7 @@ def plan(**given: Any) -> None:
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The given options as tables of a mission file."""
+    """The options that the user gave, as tables of a mission file."""
     latitude, longitude = given["lat"], given["lon"]
     if given["place"]:
         if latitude is not None or longitude is not None:
@@ -198,7 +198,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
-    """Notes on assumed values, and cautions."""
+    """Lines for the log: assumed values of time and wind, and cautions of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]

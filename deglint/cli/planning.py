@@ -18,13 +18,13 @@ from ..raster.planned import write_numbers, write_plan
 from .console import Console
 
 log = logging.getLogger(__name__)
-Given = dict[str, Any]
+Given = dict[str, Any]  # options of the command by name
 Mode = Callable[[Given, Any, Console], None]
-"""Function of the options, the mission and where to show progress."""
+"""Function of the options, the mission and the console: it computes a plan, writes its files and prints it."""
 
 
 def mode_of(given: Given) -> Mode:
-    """The mode that the options select: one of those below, a function that writes and prints a plan."""
+    """The mode that the options select, one of the functions below; raises a usage error if options conflict."""
     asked = {
         "--from": over_time if given["start"] or given["end"] or given["every"] else None,
         "--wind-within": under_winds if given["wind_within"] else None,
@@ -47,7 +47,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a mission with its time set: of a sweep the highest sun, of a page without a time the next daylight."""
+    """Tables of a mission with its time set: the highest sun of a sweep; for a page without time, the next daylight."""
     place = dict(tables.get("place", {}))
     if "latitude" not in place or "longitude" not in place:
         return tables
@@ -63,7 +63,7 @@ def _times(given: Given) -> Any:
 
 
 def one_reticle(given: Given, mission: Any, _console: Console) -> None:
-    """One reticle: the viewing geometries of a hemisphere."""
+    """Plan one reticle: all viewing geometries at one time."""
     found, band = reticle(mission), given["show"]
     if band:
         found.index(band)
@@ -77,7 +77,7 @@ def one_reticle(given: Given, mission: Any, _console: Console) -> None:
 
 
 def over_time(given: Given, mission: Any, console: Console) -> None:
-    """A sweep over time."""
+    """Plan a sweep over time: the best time, and the best viewing geometry at each time."""
     when = _times(given)
     moments, found = [], []
     for moment, plan in sweep.plans(mission, when):
@@ -93,13 +93,13 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
-    """Viewing geometries that are free of glint for every wind of an interval."""
+    """Plan for an uncertain wind: viewing geometries that are good under every wind of an interval."""
     found = uncertainty.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), uncertainty.numbers(found), uncertainty.words(found))
 
 
 def flight_line(given: Given, mission: Any, _console: Console) -> None:
-    """The best heading of a flight line."""
+    """Plan a flight line: the heading with the least glint."""
     across, _, along = given["fov"].lower().partition("x")
     try:
         angles = {"across": float(across), "along": float(along or 0.0)}
@@ -122,7 +122,7 @@ def page(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
-    """Write the selected files, and print the result."""
+    """Write the selected files; print the result as JSON or as lines of text."""
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
         write_numbers(outs, overwrite=given["overwrite"])
@@ -134,7 +134,7 @@ def _json(numbers: Mapping[str, Any]) -> str:
 
 
 def endings(mode: Mode) -> tuple[str, ...]:
-    """Endings of the files that a mode writes."""
+    """Endings of the file names that a mode can write."""
     if mode is page:
         return ()
     return (".png", ".json", ".nc", ".tif") if mode is one_reticle else (".png", ".json")

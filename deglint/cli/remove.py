@@ -136,14 +136,14 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
-    """The recipe described by the options."""
+    """The recipe that the options describe."""
     from ..pipeline import Recipe
 
     return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
 
 
 def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
-    """The outputs described by the options."""
+    """The outputs of `remove_glint` that the options describe."""
     from ..pipeline import Outputs
 
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
@@ -152,7 +152,7 @@ def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
 
 
 def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
-    """Open the scene and fit the recipe, and print what would be written, and its size."""
+    """Open the scene and fit the recipe; print which files would be written, and their size."""
     import numpy as np
 
     from ..pipeline import fit_scene, load_model
@@ -176,7 +176,7 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
                 targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
-    # bytes of the pixels of each file; None where it holds none
+    # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
@@ -192,7 +192,7 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
 
 
 def as_options(recipe: Recipe) -> str:
-    """The options of the command that select a recipe explicitly."""
+    """Text of the options of `deglint remove` that select a recipe; defaults are left out."""
     usual, words = asdict(type(recipe)()), []
     for name, value in asdict(recipe).items():
         if value != usual[name]:

@@ -1,4 +1,4 @@
-"""Running a command: subcommands are imported when called, an error becomes one line and an exit code."""
+"""Run a command: a subcommand is imported when it is called; an error becomes one line and an exit code."""
 
 import contextlib
 import difflib
@@ -22,7 +22,7 @@ from .grouped import BoldContext
 class Commands(click.Group):
     """Group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
-    `home` is the package whose module NAME defines the command NAME; `lines` has a line of help for each command.
+    `home` is the package whose module NAME defines the command NAME; `lines` holds names and one-line help of commands.
     """
 
     context_class = BoldContext
@@ -36,7 +36,7 @@ class Commands(click.Group):
         return list(self._lines)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of this name; a wrong name is answered with the nearest one, or with all."""
+        """The command of this name; for a wrong name, a usage error suggests the nearest name or lists all."""
         if cmd_name in self._lines:
             command: click.Command = getattr(import_module(f".{cmd_name}", self._home), cmd_name)
             return command
@@ -53,17 +53,17 @@ class Commands(click.Group):
 
 
 def run(cli: click.Group, program: str, arguments: list[str]) -> int:
-    """Run a command; an error becomes one line on stderr and an exit code."""
-    warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # rasterio's, of images without a place
+    """Run a command and return its exit code; an error becomes one line on stderr."""
+    warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
     verbose = arguments.count("--verbose") + sum(a.count("v") for a in arguments if re.fullmatch("-[vqh]+", a))
-    colour = False if os.environ.get("NO_COLOR") else None  # None: where a terminal shows them
+    colour = False if os.environ.get("NO_COLOR") else None  # None: colours on a terminal only
     with _terminable(), _quiet_libraries():
         try:
             return int(cli.main(arguments, program, standalone_mode=False, color=colour) or 0)
         except click.ClickException as error:
             error.show()
             return error.exit_code
-        except SystemExit as end:  # after shell completion, or where nobody reads stdout any more
+        except SystemExit as end:  # after shell completion, or when the reader of stdout has ended
             return int(end.code or 0)
         except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the user gets one line, whatever it is)
             if verbose > 1:
@@ -91,7 +91,7 @@ def plugin(cli: click.Group, name: str) -> click.Command:
 
 
 def _explained(error: BaseException) -> tuple[int, str]:
-    """Exit code and line for an error."""
+    """Exit code, and line for stderr, of an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return 130, "interrupted: no output is half written."
     line = " ".join(str(error).split())
@@ -108,7 +108,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
 def _terminable() -> Iterator[None]:
     """Treat SIGTERM like Ctrl-C, so that temporary files are removed."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may say what a signal does
+        yield  # only the main thread may set a signal handler
         return
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -119,8 +119,9 @@ def _terminable() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet_libraries() -> Iterator[None]:
-    """Drop what libraries print on stderr: libtiff prints lines of its own when a disk is full, and rasterio tracebacks
-    for messages of GDAL that it cannot decode.
+    """Discard lines that libraries print on stderr.
+
+    libtiff prints lines when a disk is full; rasterio prints tracebacks for messages of GDAL that it cannot decode.
     """
     hooks = sys.excepthook, sys.unraisablehook
     sys.excepthook, sys.unraisablehook = (lambda *_: None), (lambda _: None)
@@ -134,7 +135,7 @@ def _quiet_libraries() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _no_c_stderr() -> Iterator[None]:
-    """Send descriptor 2 nowhere, while Python's stderr stays."""
+    """Discard what C libraries write to file descriptor 2; Python's `sys.stderr` still reaches its target."""
     python_stderr = sys.stderr
     real = os.dup(2)
     with open(real, "w", buffering=1, errors="replace") as sys.stderr, open(os.devnull, "w") as nowhere:  # noqa: PTH123

@@ -14,17 +14,17 @@ from .options import SENSOR_NAMES, SKY_NAMES, parsed, with_options
 
 log = logging.getLogger(__name__)
 
-# What --help shows without loading the simulator; a test holds them equal to it.
+# Names for --help, which does not load the simulator; a test compares them with the real names.
 KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
-"""Bytes of one pixel of one band in all outputs: image, two truths, noisy truth, glint, its mask, and cover."""
-LEAST_SIDE, MOST_SIDE = 8, 16384
+"""Size of one pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, its mask, and cover."""
+LEAST_SIDE, MOST_SIDE = 8, 16384  # limits of the side of an image [pixel]
 SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Read "512" or "ROWSxCOLUMNS"."""
+    """Rows and columns [pixel] from "512" (a square) or "ROWSxCOLUMNS"."""
     rows, columns = (int(part) for part in (text.lower() if "x" in text.lower() else f"{text}x{text}").split("x"))
     if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
         raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
@@ -32,13 +32,13 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _depths(text: str) -> tuple[float, float]:
-    """Read "LEFT:RIGHT" depths [m]."""
+    """Depths [m] at the left and right edge from "LEFT:RIGHT"."""
     left, _, right = text.partition(":")
     return float(left), float(right or left)
 
 
 def _boat(text: str) -> tuple[float, ...]:
-    """Read "RIGHT,DOWN,SPEED@HEADING": [m], [m], [m/s], [degree]."""
+    """Place to the right and down [m], speed [m/s] and heading [degree] from "RIGHT,DOWN,SPEED@HEADING"."""
     place, _, heading = text.partition("@")
     right, down, speed = (float(part) for part in place.split(","))
     return right, down, speed, float(heading or 0.0)
@@ -176,7 +176,7 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """Name and setup of each scene."""
+    """Path without ending, and setup, of each scene that the options describe."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
@@ -206,7 +206,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
-    """Misregistration of each band, down and right [pixel]; 0 for the first."""
+    """Random misregistration of each band, down and right, up to `most` [pixel]; 0 for the first band."""
     import numpy as np
 
     if most == 0:

@@ -9,39 +9,40 @@ import numpy.typing as npt
 
 from .reticle import Reticle
 
-MARGIN = 3.0  # distance of the best viewing geometry from every excluded one, where possible [degree]
-_POINTS = (
+MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
+_POINTS = (  # points of the compass, clockwise from north
     "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
     "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
     "north-west", "north-north-west",
 )  # fmt: skip
-_AROUND = 16
+_AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must not be excluded
 
 
 @dataclass(frozen=True)
 class ViewingGeometry:
-    """A viewing geometry: direction of the sensor as seen from the object, and contrast and glint there."""
+    """A direction from which the sensor sees the object, with the contrast and the glint there."""
 
-    zenith: float  # [degree]
-    azimuth: float  # [degree]
-    contrast: float  # over noise, of all usable bands together [1]
-    bands: tuple[str, ...]  # that are usable, the one with the highest contrast first
-    glint: float  # radiance per irradiance of a plane facing the sun [1/sr]
+    zenith: float  # zenith angle of the sensor, seen from the object [degree]
+    azimuth: float  # azimuth of the sensor, seen from the object [degree]
+    contrast: float  # contrast over noise, all usable bands together [1]
+    bands: tuple[str, ...]  # usable bands, the band with the highest contrast first
+    glint: float  # glint radiance per irradiance of a plane facing the sun [1/sr]
     glint_probability: float  # share of the sea that mirrors the sun [1]
-    margin: bool  # no excluded viewing geometry lies within `MARGIN`
+    margin: bool  # True if no excluded viewing geometry lies within `MARGIN`
 
     @property
     def heading(self) -> float:
-        """Azimuth of the direction of view, towards the object [degree]."""
+        """Azimuth in which the sensor looks, towards the object [degree]."""
         return (self.azimuth + 180.0) % 360.0
 
 
 def best_geometry(
     plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
 ) -> ViewingGeometry | None:
-    """The viewing geometry with the highest contrast, away from the edges of excluded areas; None if all are excluded.
+    """The viewing geometry with the highest contrast; None if all are excluded.
 
-    `contrast` (zenith, azimuth) is 0 where excluded; by default it is that of the band, or of all bands.
+    Where possible, no excluded viewing geometry lies within `MARGIN` of it. `contrast` (zenith, azimuth) is contrast
+    over noise [1], 0 where excluded; by default it is the contrast of `band`, or of all bands together.
 
     Raises BandError: there is no such band.
     """
@@ -68,12 +69,12 @@ def best_geometry(
 
 
 def description(geometry: ViewingGeometry | None) -> str:
-    """Text of a viewing geometry, its contrast and its glint."""
+    """Text that says from where to look, and how much contrast and glint to expect there."""
     return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
 
 
 def sentence(geometry: ViewingGeometry | None) -> str:
-    """Text of a viewing geometry.
+    """Sentence that says from where to look; for None, that no viewing geometry is good.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def sentence(geometry: ViewingGeometry | None) -> str:
 
 
 def quality(geometry: ViewingGeometry) -> str:
-    """Text of the contrast and glint of a viewing geometry."""
+    """Text on the contrast and the glint of a viewing geometry, and on excluded viewing geometries near it."""
     stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
     edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
     return (
@@ -108,7 +109,7 @@ def one_in(share: float) -> str:
 
 
 def compass(azimuth: float) -> str:
-    """Point of the compass for an azimuth [degree].
+    """Name of the compass point nearest to an azimuth [degree].
 
     >>> compass(225.0)
     'south-west'
@@ -118,7 +119,11 @@ def compass(azimuth: float) -> str:
 
 @lru_cache(maxsize=4)
 def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Indices (point, zenith, azimuth) of the points at `MARGIN` around every viewing geometry, within the reticle."""
+    """Indices of the zenith angle and of the azimuth of points at `MARGIN` around every viewing geometry.
+
+    Both arrays are (point, zenith, azimuth). `shape` is (zenith, azimuth) of the reticle, `widest` its largest zenith
+    angle [degree]. Points outside the reticle are moved to its edge.
+    """
     zenith = np.radians(np.linspace(0.0, widest, shape[0]))[:, None]
     azimuth = np.radians(np.linspace(0.0, 360.0, shape[1]))
     turn = np.arange(_AROUND)[:, None, None] * (2.0 * np.pi / _AROUND)

@@ -15,16 +15,17 @@ from .swath import Line
 from .sweep import Moment, best_moment
 from .uncertainty import WindEnsemble, words
 
-WIDTH = 1240
-_SUNNY = (150, 110, 0)
-_DAY_BOX = 96.0, 140.0, 1090.0, 200.0  # left, top, width and height of the diagram of a day
-_SMALL = 88  # radius of the small reticles
-_ROW = 6  # of them beside each other
+WIDTH = 1240  # width of the pictures [pixel]
+_SUNNY = (150, 110, 0)  # colour of labels of the sun (red, green, blue)
+_DAY_BOX = 96.0, 140.0, 1090.0, 200.0  # left, top, width and height of the diagram of a day [pixel]
+_SMALL = 88  # radius of the small reticles [pixel]
+_ROW = 6  # number of small reticles in a row
 
 
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
-    """Contrast and excluded share over time; below, small reticles of the `selected` times, by their index in
-    `moments`.
+    """Draw contrast and excluded share over time and, below them, a small reticle of each plan.
+
+    `plans` holds the reticles of the `selected` times, by their index in `moments`.
     """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
@@ -44,7 +45,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Indices of the times that get a small reticle: at most twelve, evenly among those with the sun up."""
+    """Indices of the times that get a small reticle: at most twelve with the sun up, evenly spread, with the best."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
@@ -57,7 +58,7 @@ def selected(moments: Sequence[Moment]) -> list[int]:
 
 
 def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
-    """Contrast and solar elevation over time, and bars of the share of excluded viewing geometries."""
+    """Draw contrast and solar elevation over time as lines, and the share of excluded viewing geometries as bars."""
     left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
@@ -108,10 +109,9 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Share of the field of view in glint for every heading, and glint across the track at the best and the worst
-    heading.
+    """Draw the share of the view in glint for every heading, and the glint across the track for two headings.
 
-    `words` is the text above the chart; by default that of the line.
+    These are the best and the worst heading. `words`: lines of text above the chart, `line.words()` by default.
     """
     first, *rest = words or [line.words()]
     down = 25.0 * sum(len(draw.wrapped(text, 17, WIDTH - 80)) for text in rest)
@@ -175,7 +175,7 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
 
 
 def wind_picture(found: WindEnsemble) -> Image:
-    """Reticle of the worst case: viewing geometries that are good under every wind, under some, or under none."""
+    """Draw the least contrast over all winds; viewing geometries that some or all winds exclude are hatched."""
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)

@@ -18,7 +18,7 @@ LAYERS = {  # name: unit, meaning
     "clear_of_glint": ("1", "1 where sun glint is within its limit"),
     "excluded": ("1", "1 where no band is usable"),
 }
-BAND_LAYERS = {
+BAND_LAYERS = {  # the same, for layers with an axis of bands
     "glint_radiance": (RADIANCE_UNIT, "sun glint"),
     "sky_radiance": (RADIANCE_UNIT, "mirrored skylight"),
     "background_radiance": (RADIANCE_UNIT, "out of the deep water"),
@@ -30,11 +30,12 @@ BAND_LAYERS = {
     "clear_of_sky": ("1", "1 where mirrored sky is within its limit"),
     "detectable": ("1", "1 where contrast is above the noise limit and nothing saturates"),
 }
+# layers that the summary gives for each band at the best viewing geometry
 _NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in ("clear_of_sky", "detectable", "by_band"))
 
 
 def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
-    """A layer of `LAYERS` (zenith, azimuth) or `BAND_LAYERS` (band, zenith, azimuth) by name."""
+    """The values of a layer of `LAYERS`, (zenith, azimuth), or of `BAND_LAYERS`, (band, zenith, azimuth)."""
     out_of_water = {"background_radiance": plan.light.background, "object_radiance": plan.light.target}
     return np.asarray(out_of_water[name] if name in out_of_water else getattr(plan, name))
 
@@ -79,7 +80,7 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
-    """Summary of the plan: mission, sun, best viewing geometry, and radiances and contrast of each band there."""
+    """Summary of the plan for JSON: mission, sun, best viewing geometry, and radiances and contrasts there."""
     geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),
@@ -98,7 +99,7 @@ def excluded_share(plan: Reticle) -> float:
 
 
 def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
-    """A viewing geometry, with radiances and contrast of each band."""
+    """A viewing geometry as values for JSON, with radiances, contrast and electrons of each band."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     return {
@@ -124,7 +125,8 @@ def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
 def document(plan: Reticle) -> dict[str, Any]:
     """The whole plan for JSON: the summary, and every layer to four digits.
 
-    Radiances of glint and sky are not included: they are `irradiance` times the strengths.
+    Radiances and `by_band` are not included. Glint radiance is `glint_strength` times the irradiance "normal", sky
+    radiance is `sky_strength` times the irradiance "diffuse".
     """
     chosen = {**LAYERS, "sky_strength": ("sr-1", "mirrored skylight per diffuse irradiance")}
     chosen |= {n: said for n, said in BAND_LAYERS.items() if not n.endswith("_radiance") and n != "by_band"}

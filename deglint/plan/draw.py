@@ -1,4 +1,4 @@
-"""Drawing on arrays: lines, text and discs, without a plotting library, whose import is slow."""
+"""Draw lines, text and discs into arrays; no plotting library is used, because its import is slow."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -10,11 +10,11 @@ import numpy.typing as npt
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-Image = npt.NDArray[np.uint8]
-Colour = tuple[int, int, int]
-Point = tuple[float, float]
+Image = npt.NDArray[np.uint8]  # (row, column, 3), the last axis red, green, blue
+Colour = tuple[int, int, int]  # red, green, blue, 0 to 255
+Point = tuple[float, float]  # x to the right, y down, from the upper left corner [pixel]
 Pattern = tuple[npt.NDArray[Any], str, Colour]
-"""Excess (zenith, azimuth), hatching ("/", "\\" or ".") where it is above 0, and its colour."""
+"""A layer (zenith, azimuth), the hatching ("/", "\\" or ".") where the layer is above 0, and its colour."""
 
 INK: Colour = (25, 28, 34)
 GREY: Colour = (105, 112, 122)
@@ -25,13 +25,13 @@ ORANGE: Colour = (213, 94, 0)
 BLUE: Colour = (0, 114, 178)
 YELLOW: Colour = (255, 200, 20)
 MAGENTA: Colour = (204, 20, 120)
-_OVERSAMPLING = 2  # discs are drawn at this multiple and averaged down
-_SHADES = 248  # of a scale of colours in a disc, below those of hatchings
+_OVERSAMPLING = 2  # discs are drawn this many times larger, then averaged
+_SHADES = 248  # number of colours of the colour scale in a disc; the rest of 256 is for hatchings and edges
 _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
-    """An RGB picture to draw on, of a given width and height [pixel]; points are (x, y) from the upper left corner."""
+    """An RGB picture to draw on, of a given width and height [pixel]."""
 
     def __init__(self, width: int, height: int) -> None:
         self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
@@ -67,21 +67,21 @@ class Canvas:
     def text(
         self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
-        """Add a line of text, drawn when the picture is finished; `anchor` as in Pillow, `halo` for a white outline."""
+        """Add a line of text, which `finished` draws; `anchor` as in Pillow, `halo`: with a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def lines(
         self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *,
         width: float | None = None, anchor: str = "la",
     ) -> float:  # fmt: skip
-        """Add texts, wrapped to a width, in lines `step` apart [pixel]; returns the height below the last line."""
+        """Add texts, wrapped to a width, in lines `step` apart [pixel]; return y below the last line."""
         lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
         for k, line in enumerate(lines):
             self.text((at[0], at[1] + k * step), line, size, colour, anchor=anchor)
         return at[1] + len(lines) * step
 
     def finished(self) -> Image:
-        """The picture with its text."""
+        """Draw the texts, and return the picture."""
         picture = Pictures.fromarray(self.image)
         pen = ImageDraw.Draw(picture)
         for at, text, size, colour, anchor, halo in self._texts:
@@ -91,7 +91,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """A text wrapped to a width [pixel]."""
+    """The lines of a text in a font of this size, wrapped to a width [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -103,7 +103,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Position of a viewing geometry on a disc: north up, east right, zenith angle outward."""
+    """Point of a viewing geometry on a disc: north up, east right, zenith angle `widest` at `radius` [pixel]."""
     return around(centre, radius * zenith / widest, azimuth)
 
 
@@ -132,8 +132,8 @@ def png(image: Image) -> bytes:
 def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], patterns: Sequence[Pattern] = ()) -> None:
     """Draw a disc of viewing geometries; the largest zenith angle lies at `radius` [pixel].
 
-    `share` (zenith, azimuth) is the value 0 to 1 to be coloured, on equal steps, azimuth 0 to 360. Where the excess of
-    a pattern is above 0, the disc is hatched on a pale background.
+    `share` (zenith, azimuth) gives the colour, 0 to 1; zenith angles from 0 and azimuths 0 to 360 are in equal steps.
+    Where the layer of a pattern is above 0, the disc is hatched on a pale background.
     """
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
@@ -157,7 +157,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], pa
 
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
-    """A sample of a hatching for a legend, 28 by 18 pixels."""
+    """Draw a sample of a hatching for a legend, 28 x 18 pixels."""
     fine = np.full((36, 56, 3), GROUND, np.uint8)
     fine[_pattern(pattern, 56)[:36]] = colour
     x, y = round(left), round(top)
@@ -165,7 +165,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Viewing geometries (zenith, azimuth) interpolated to the oversampled pixels of a disc."""
+    """Interpolate values (zenith, azimuth) linearly to the oversampled pixels (row, column) of a disc."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -191,7 +191,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Positions of the oversampled pixels of a disc among the viewing geometries, in the format of cv2.remap."""
+    """Index among `around` azimuths and `down` zenith angles of each oversampled pixel of a disc, for cv2.remap."""
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]
     column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)

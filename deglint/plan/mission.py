@@ -33,18 +33,19 @@ class Limits(Checked):
     Attributes
     ----------
     glint : float
-        Glint radiance per irradiance of a plane facing the sun [1/sr]: geometries above it are excluded. In ocean
-        colour 1e-4 is moderate and 5e-3 high glint.
+        Largest glint radiance per irradiance of a plane facing the sun [1/sr]. In ocean colour, 1e-4 is moderate glint
+        and 5e-3 is high glint.
     glint_probability : float, optional
-        Share of the sea that reflects the sun; geometries above it are excluded.
+        Largest share of the sea that may reflect the sun [1]; by default there is no such limit.
     tolerance : float, optional
-        Angle from the sun's centre that counts as the sun in the probability [degree]; the true disk by default.
+        Angle from the centre of the sun within which a reflection counts as sun in the glint probability [degree]; by
+        default the radius of the solar disk.
     sky_ratio, sky_probability : float
-        Geometries are excluded where more than a share `sky_probability` of the sea reflects more skylight than
-        `sky_ratio` times the radiance of deep water.
+        A band is excluded where a share of the sea above `sky_probability` [1] reflects skylight that is brighter than
+        `sky_ratio` [1] times the radiance of deep water.
     snr, ner : float
-        Least contrast of the object over noise at which it is detectable in a band, and the noise-equivalent radiance
-        [W m-2 sr-1 nm-1], by default that of the sensor.
+        Contrast over noise above which the object is detectable in a band [1], and the noise-equivalent radiance
+        [W m-2 sr-1 nm-1], by default computed from the sensor.
     """
 
     glint: float = ranged(1e-3, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
@@ -58,39 +59,41 @@ class Limits(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Mission(Checked):
-    """All parameters of a plan; all but the place have defaults.
+    """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
     Raises InputError: a value is out of the range of its model, or the sun is down.
 
     Attributes
     ----------
     latitude, longitude : float, optional
-        Of the object, north and east positive [degree].
+        Place of the object, north and east positive [degree].
     time : str, datetime or numpy.datetime64, optional
-        UTC unless a zone is given.
+        UTC unless a zone is given; now if left out.
     sun_zenith, sun_azimuth : float, optional
-        Instead of place and time [degree].
+        Zenith angle and azimuth of the sun, instead of place and time [degree].
     wind, wind_from, wind_height : float
-        Speed [m/s], azimuth that it blows from [degree], and height of its measurement [m].
+        Wind speed [m/s], azimuth from which the wind blows [degree], and height at which it is measured [m].
     air : Air, optional
-        State of the atmosphere; its current wind is always that of the mission. By default the mean wind is the same,
-        humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place and day.
+        State of the atmosphere. Its field `wind` is ignored: the wind of the mission is used, at 10 m. By default the
+        mean wind is the same, humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place
+        and day (300 DU without a place).
     chlorophyll : float
-        Of the case-1 water [mg m-3].
+        Chlorophyll of the case-1 water [mg m-3].
     depth, reflectance : float
-        Of the object [m], [1].
+        Depth [m] and reflectance [1] of the object.
     sensor, bands : Sensor, tuple of str
-        The sensor, and those of its bands to use; all if empty.
+        The sensor, and the names of its bands to use; all bands if empty.
     slopes, sky : str
-        One of `deglint.physics.slopes.MODELS`, and one of `deglint.physics.sky.SKY_MODELS`.
+        Slope model, one of `deglint.physics.slopes.MODELS`; sky model, one of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
-        Model of the light of the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
+        Model of the light from the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
     limits : Limits
+        Limits beyond which a viewing geometry is excluded.
     step, widest : float
         Step between viewing geometries, and the largest zenith angle of the sensor [degree].
     """
 
-    # file: table and key in a mission file
+    # `file` is the table and key of a field in a mission file
     latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
     longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
     time: Any = field(default=None, metadata={"file": "place.time"})
@@ -171,14 +174,14 @@ class Mission(Checked):
 
     @property
     def day(self) -> float | None:
-        """Day of the year, for the distance of the sun; None where no time is given."""
+        """Day of the year, for the distance of the sun; None where `moment` is None."""
         return None if self.moment is None else float(sun.day_of_year(self.moment))
 
     @cached_property
     def weather(self) -> Air:
-        """State of the atmosphere."""
+        """State of the atmosphere, with the wind of the mission at 10 m."""
         ten = float(slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=10.0))
-        ten = min(ten, 20.0)  # but for rounding it is
+        ten = min(ten, 20.0)  # only rounding can exceed the limit
         if self.air is not None:
             return replace(self.air, wind=ten)
         usual = 300.0 if self.place is None or self.day is None else float(ozone(*self.place, self.day))
@@ -186,7 +189,7 @@ class Mission(Checked):
 
     @property
     def slope_wind(self) -> Wind:
-        """Wind at the reference height of the slope model."""
+        """Wind at the reference height of the slope model, limited to the range of the slope models."""
         height = slopes.MODELS[self.slopes].height
         speed = slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=height)
         return Wind(float(np.clip(speed, *slopes.WIND_RANGE)), float(self.wind_from) % 360.0, self.slopes)

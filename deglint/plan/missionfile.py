@@ -16,9 +16,9 @@ from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from .mission import Limits, Mission
 
-Tables = Mapping[str, Mapping[str, Any]]
+Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
 
-_TABLES: dict[str, dict[str, str]] = {  # table, key: field of the mission, if it is one
+_TABLES: dict[str, dict[str, str]] = {  # table: {key: field of `Mission`, or "" where it is none}
     "place": {}, "sun": {}, "wind": {}, "air": {f.name: "" for f in fields(Air) if "wind" not in f.name}, "water": {},
     "object": {}, "sensor": dict.fromkeys(("preset", "bands", "band", *(f.name for f in fields(Sensor))), ""),
     "limits": {f.name: "" for f in fields(Limits)}, "view": {}, "models": {},
@@ -28,12 +28,14 @@ for _field in fields(Mission):
         _table, _key = _field.metadata["file"].split(".")
         _TABLES[_table][_key] = _field.name
 _TABLES["wind"]["mean"] = ""
+# keys whose values are no numbers
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
+# pressure of one unit [hPa]
 _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "mmhg": 1.333224, "inhg": 33.86389}
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """A mission from tables; `name` is the name of the file for messages.
+    """Make a mission from tables; `name` names their source, such as the file, in error messages.
 
     Raises InputError: a table or key is not known, or a value cannot be used.
 
@@ -44,7 +46,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     """
     read: dict[str, dict[str, Any]] = {}
     for table, values in tables.items():
-        known = "view" if table == "look" else table  # its old name
+        known = "view" if table == "look" else table  # [look] is the old name of [view]
         if known not in _TABLES:
             raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
         read[known] = _read(table, values, _TABLES[known], name)
@@ -86,7 +88,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
-    """Tables of one mission, overridden by another's; the sun's angles replace place and time, and vice versa."""
+    """Tables `below`, overridden by the values of `above`; angles of the sun replace place and time, and vice versa."""
     out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
     for table, other in (("sun", "place"), ("place", "sun")):
         if table in above:
@@ -100,7 +102,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 def pressure(value: Any) -> float:
     """Pressure [hPa] from a number in hPa, or a text such as "29.9 inHg" or "762 mmHg".
 
-    Raises InputError: it is neither.
+    Raises InputError: the value is neither.
 
     Examples
     --------
@@ -115,7 +117,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """The values of a table: its keys are known, and numbers are finite."""
+    """The checked values of a table; raises InputError for an unknown key, or a value that is no finite number."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}
@@ -132,7 +134,7 @@ def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str,
 
 
 def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]:
-    """The sensor described by a table: a preset, with changed values and bands; and the selected bands."""
+    """Sensor of the table [sensor], a preset with changed values and bands; and the names of the selected bands."""
     own, bands = dict(values), values.get("bands", ())
     for key in ("bands", "band"):
         if not isinstance(own.pop(key, []), (list, tuple, str)):

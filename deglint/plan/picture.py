@@ -12,18 +12,18 @@ from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas,
 from .mission import Mission
 from .reticle import Reticle
 
-WIDTH, HEIGHT = 1240, 860
-DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345
-_LEFT = 860  # left edge of the text beside the disc
-_COLUMN = WIDTH - _LEFT - 34  # width of the text
-_PALE_INK = (150, 155, 162)
+WIDTH, HEIGHT = 1240, 860  # size of the picture [pixel]
+DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of the disc [pixel]
+_LEFT = 860  # left edge of the text beside the disc [pixel]
+_COLUMN = WIDTH - _LEFT - 34  # width of the text [pixel]
+_PALE_INK = (150, 155, 162)  # colour of bands that are not usable, and of lines in the disc
 _HOW = (
     "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."
 )
 
 
 def picture(plan: Reticle, *, band: str | None = None) -> Image:
-    """Draw a plan of all bands together, or of one band.
+    """Draw the plan of all bands together, or of one band (its name).
 
     Raises BandError: there is no such band.
     """
@@ -48,10 +48,10 @@ class Caption(NamedTuple):
     """Text beside a disc."""
 
     shows: str  # what the map shows
-    what: str  # the best viewing geometry
-    expects: str  # what to expect of it
+    what: str  # from where to look
+    expects: str  # contrast and glint to expect there
     legend: tuple[tuple[str, draw.Colour, str], ...]  # hatchings and their meaning
-    top: float  # contrast at the top of the scale of colours; 0 for no scale
+    top: float  # contrast over noise at the top of the colour scale; 0: no scale is drawn
 
 
 def page(
@@ -61,7 +61,10 @@ def page(
     geometry: ViewingGeometry | None,
     words: Caption,
 ) -> Image:
-    """A disc with its text; `share` is 0 to 1 on the colour scale."""
+    """Draw a disc of viewing geometries with its text; `geometry` is marked as the best.
+
+    `share` (zenith, azimuth) gives the colour, 0 to 1.
+    """
     canvas = Canvas(WIDTH, HEIGHT)
     sky_disc(canvas, DISC_CENTRE, DISC_RADIUS, plan, share, patterns)
     _sun_and_wind(canvas, plan.mission)
@@ -76,7 +79,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """The contrast for the colours, and the hatchings: too little contrast, reflected sky, sun glint."""
+    """Contrast over noise (zenith, azimuth), and hatchings of low contrast, reflected sky and sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -89,7 +92,7 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
     if band is None:
         contrast = np.sqrt(np.sum(np.square(plan.snr * (plan.clear_of_sky & plan.detectable)), axis=0))
         sky, faint = np.maximum(sky, faint).min(axis=0), faint.min(axis=0)
-        sky = np.where(faint > 0, -1e-9, sky)  # where all is too faint, sky is not to blame
+        sky = np.where(faint > 0, -1e-9, sky)  # too faint in every band: not hatched as reflected sky
     else:
         k = plan.index(band)
         contrast, sky, faint = plan.snr[k], sky[k], faint[k]
@@ -106,7 +109,7 @@ def sky_disc(
     *,
     small: bool = False,
 ) -> None:
-    """A disc of viewing geometries with rings of zenith angle, a compass rose, and the sun."""
+    """Draw a disc as `draw.disc` does, with rings of zenith angle, a compass rose (not if `small`), and the sun."""
     draw.disc(canvas, centre, radius, share, patterns)
     widest = plan.mission.widest
     every = 20 if widest > 40 else 10
@@ -141,7 +144,7 @@ def _sun(canvas: Canvas, at: Point, size: float) -> None:
 
 
 def _sun_and_wind(canvas: Canvas, mission: Mission) -> None:
-    """Label the sun; mark the centre of the glint, the object, and the wind."""
+    """Label the sun; mark the specular point, the object at the centre, and the wind."""
     (x, y), radius, widest = DISC_CENTRE, DISC_RADIUS, mission.widest
     zenith, azimuth = mission.sun
     right, down = polar(DISC_CENTRE, radius, min(zenith, widest), azimuth, widest)
@@ -176,7 +179,7 @@ def _best(canvas: Canvas, widest: float, geometry: ViewingGeometry) -> None:
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
-    """Draw the mark of the best viewing geometry."""
+    """Draw a star, the mark of the best viewing geometry."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
         canvas.area([around(at, reach * (0.45 if k % 2 else 1.0), 36.0 * k) for k in range(10)], colour)
 
@@ -192,7 +195,7 @@ def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
 
 
 def conditions(mission: Mission) -> list[str]:
-    """Lines of text: place and time, sun, and wind."""
+    """Lines of text on place and time, sun, and wind of a mission."""
     zenith, azimuth = mission.sun
     sun = f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"
     blows = mission.wind_from % 360
@@ -203,7 +206,7 @@ def conditions(mission: Mission) -> list[str]:
 
 
 def place_words(mission: Mission) -> str:
-    """Latitude and longitude as text; empty if not given."""
+    """Latitude and longitude of a mission as text; empty if not given."""
     if mission.place is None:
         return ""
     latitude, longitude = mission.place[0], (mission.place[1] + 180.0) % 360.0 - 180.0

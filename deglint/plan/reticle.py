@@ -1,8 +1,8 @@
 """The reticle: light, glint, reflected sky and contrast for every viewing geometry, and excluded geometries.
 
-Light in a band is the exact mean of 1 nm steps: the angular model of the water is linear in a few spectra, so these are
-averaged once and combined for all directions. Sums are written without calls of BLAS, whose threads block each other
-for seconds on a busy machine.
+The radiance of a band is the exact mean over steps of 1 nm. The model of the water is a sum of a few spectra, each
+multiplied by a function of the angles, so each spectrum is averaged once for all viewing geometries. Sums do not call
+BLAS, whose threads block each other for seconds on a busy machine.
 """
 
 from functools import cached_property
@@ -25,21 +25,21 @@ Mask = npt.NDArray[np.bool_]
 class Light:
     """Mean light in each band, for viewing geometries on a grid of zenith angles and azimuths of the sensor [degree].
 
-    Irradiance (band,) [W m-2 nm-1], radiance (band, zenith, azimuth) [W m-2 sr-1 nm-1]. Deep water follows Lee et al.
-    (2011), with the coefficients at the edge of the table beyond it (sun 75, view 70 degrees); the object follows
-    `water.submerged_reflectance` or `water.absorption_only_reflectance`.
+    Irradiances are (band,) [W m-2 nm-1], radiances (band, zenith, azimuth) [W m-2 sr-1 nm-1]. The model of deep water
+    is Lee et al. (2011); beyond its table (sun zenith angle 75, view zenith angle 70 degrees) the coefficients at the
+    edge are used. The model of the object is `water.submerged_reflectance` or `water.absorption_only_reflectance`.
     """
 
     def __init__(self, mission: Mission, zenith: Floats, azimuth: Floats) -> None:
         wavelength, mean = band_means(mission.channels)
         sun_zenith, sun_azimuth = mission.sun
         direct, diffuse = atmosphere.irradiance(wavelength, sun_zenith, mission.weather, day=mission.day)
-        self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a level plane by the sun, by the sky
-        self.normal = self.direct / np.cos(np.radians(sun_zenith))  # of a plane that faces the sun, by the sun alone
+        self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a horizontal plane by sun and sky
+        self.normal = self.direct / np.cos(np.radians(sun_zenith))  # irradiance by the sun, of a plane facing it
         sea = case1(wavelength, mission.chlorophyll)
         terms = [term * (direct + diffuse) for term in water.lee_2011_terms(sea)]
         angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
-        # radiance out of the deep water, and out of the water over the object
+        # water-leaving radiance: `background` of deep water, `target` over the object
         self.background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
         kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
         self.target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
@@ -54,7 +54,7 @@ class Reticle:
     Attributes
     ----------
     mission, light : Mission, Light
-        What was asked for; irradiances, and water-leaving radiances.
+        Parameters of the plan; irradiances and water-leaving radiances.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
     glint_probability : ndarray
@@ -63,15 +63,16 @@ class Reticle:
         Glint radiance per irradiance of a plane facing the sun [1/sr].
     sky_strength : ndarray
         Reflected skylight per diffuse irradiance [1/sr].
-    sky_probability : (band, ...) ndarray
+    sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
-    weber, snr : (band, ...) ndarray
-        Contrast of object and deep water, both without surface reflections, (LT - LB) / LB [1]; absolute difference
-        over the noise-equivalent radiance [1].
+    weber, snr : (band, zenith, azimuth) ndarray
+        Weber contrast (LT - LB) / LB [1], and contrast over noise: |LT - LB| over the noise-equivalent radiance [1]. LT
+        and LB are the water-leaving radiances over the object and of deep water.
     clear_of_glint : bool ndarray
-        Mask of sun glint, True where the viewing geometry is good.
-    clear_of_sky, detectable : (band, ...) bool ndarray
-        Masks of reflected sky, and of contrast above the noise without saturation; True where it is good.
+        True where sun glint is within its limits.
+    clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray
+        True where reflected sky is within its limit; True where the contrast over noise exceeds its limit and neither
+        object nor water saturates the sensor.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -119,36 +120,36 @@ class Reticle:
         return self.bands.index(name)
 
     def nearest(self, zenith: float, azimuth: float) -> tuple[int, int]:
-        """Index of the viewing geometry nearest to a zenith angle and an azimuth [degree]."""
+        """Indices (zenith, azimuth) of the viewing geometry nearest to a zenith angle and an azimuth [degree]."""
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     @property
     def glint_radiance(self) -> Floats:
-        """Glint radiance of each band [W m-2 sr-1 nm-1]."""
+        """Glint radiance, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
 
     @property
     def sky_radiance(self) -> Floats:
-        """Reflected skylight of each band [W m-2 sr-1 nm-1]."""
+        """Radiance of reflected skylight, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
         return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
 
     @cached_property
     def by_band(self) -> Floats:
-        """Combined map of each band: contrast over noise, 0 where excluded by any mask (thesis, 2.7.4)."""
+        """Contrast over noise, 0 where a mask excludes it, (band, zenith, azimuth) [1] (Fink 2014, section 2.7.4)."""
         return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
 
     @cached_property
     def combined(self) -> Floats:
-        """Combined map of all bands: root of the sum of squares of `by_band`, 0 where no band is usable."""
+        """Contrast over noise of all usable bands, (zenith, azimuth) [1]: root of the sum of squares of `by_band`."""
         return np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
     @property
     def excluded(self) -> Mask:
-        """Viewing geometries from which no band is usable."""
+        """True where no band is usable, (zenith, azimuth)."""
         return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons of each component, (band, zenith, azimuth): thesis, eq. 2.23."""
+        """Electrons per pixel from each component of the radiance, (band, zenith, azimuth) (Fink 2014, eq. 2.23)."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -159,12 +160,12 @@ class Reticle:
 
 
 def reticle(mission: Mission) -> Reticle:
-    """Compute the reticle of a mission.
+    """Compute light, glint, reflected sky and contrast of a mission for every viewing geometry (the reticle).
 
     Returns
     -------
     Reticle
-        Zenith angles 0 to `mission.widest`, azimuths 0 to 360, in steps of `mission.step`.
+        Zenith angles 0 to `mission.widest` and azimuths 0 to 360, in steps of `mission.step` [degree].
 
     References
     ----------
@@ -182,9 +183,9 @@ def reticle(mission: Mission) -> Reticle:
 
 
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
-    """Fraction of the deep-water light that comes from above the object, and light of the object itself.
+    """Fraction of the deep-water reflectance left over the object [1], and reflectance due to the object [1/sr].
 
-    Both are (wavelength, zenith).
+    Both are (wavelength, zenith); `direct_fraction` is direct over total irradiance, (wavelength,) [1].
     """
     column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
@@ -192,7 +193,7 @@ def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Float
     if mission.water == "absorption":
         shine = water.absorption_only_reflectance(column, *angles, reflectance=albedo, **given)
         return np.ones_like(shine), shine
-    # the reflectance over an object is linear in that of the deep water: its two parts, each by itself
+    # the reflectance over an object is a linear function of the reflectance of deep water: its slope, its constant
     kept = water.submerged_reflectance(column, 1.0, *angles, reflectance=0.0, **given)
     return kept, water.submerged_reflectance(column, 0.0, *angles, reflectance=albedo, **given)
 
@@ -204,7 +205,7 @@ def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
 
 
 def _noise(mission: Mission, radiance: Floats) -> Floats:
-    """Noise-equivalent radiance of each band at a radiance [W m-2 sr-1 nm-1]."""
+    """Noise-equivalent radiance for a radiance (band, zenith, azimuth), both [W m-2 sr-1 nm-1]."""
     if mission.limits.ner is not None:
         return np.full((len(radiance), 1, 1), mission.limits.ner)
     pairs = zip(radiance, mission.channels, strict=True)

@@ -1,7 +1,7 @@
 """A local web page with sliders: the plan is redrawn when wind, time, place or depth change.
 
-The server is bound to the loopback address; requests that name another host are rejected, as a foreign web page could
-make a browser send them. The page is self-contained.
+The server is bound to the loopback address. It rejects requests that name another host, because a foreign web page can
+make a browser send them. The page loads nothing from other servers.
 """
 
 import base64
@@ -26,26 +26,26 @@ from .mission import Mission
 from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import reticle
 
-ADDRESS = "127.0.0.1"
+ADDRESS = "127.0.0.1"  # the loopback address
 SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
            "chlorophyll")  # fmt: skip
-"""Fields of the mission that the page changes, beside `visibility`, the `glint` limit, time, sensor and band."""
-_POLICY = (
+"""Fields of the mission with a slider; the page also changes `visibility`, the `glint` limit, time, sensor and band."""
+_POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_THIN = 4  # the page gets every fourth viewing geometry, for what it says under the pointer
+_THIN = 4  # the page gets every fourth viewing geometry, for the values at the pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
-    """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the mission.
+    """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the values of the mission.
 
     Port 0 selects a free one; `say` is called with each line to show, such as the address of the page.
 
     Raises InputError: the port is taken.
     """
     server = make_server(mission, port)
-    answer(mission, {})  # the first drawing loads what draws; no one need wait for it
+    answer(mission, {})  # loads all modules that a plan needs, so that the first request is fast
     url = f"http://{ADDRESS}:{server.server_port}/"
     say(f"the plan is at {url}, for this machine only. Ctrl-C ends it.")
     if browser:
@@ -88,12 +88,12 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        """Respond if the request is for this machine."""
+        """Answer a request; reject it if it names another host, or comes from a page of another site."""
         hosts = [f"{host}:{self.server.server_port}" for host in (ADDRESS, "localhost")]
         parts = urlsplit(self.path)
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
             self._send(HTTPStatus.FORBIDDEN, "text/plain", "this page is not for other sites\n")
-        elif self.headers.get("Host") not in hosts:  # else another site's name could be pointed here
+        elif self.headers.get("Host") not in hosts:  # else another site's name could resolve to this address
             self._send(HTTPStatus.MISDIRECTED_REQUEST, "text/plain", "this page is for this machine only\n")
         elif parts.path == "/":
             text = resources.files(__package__).joinpath("page.html").read_text(encoding="utf-8")
@@ -122,16 +122,16 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The plan for a request: picture, text, and the viewing geometries for the pointer.
+    """The plan for a request: picture (PNG in base64), text, names of bands, and values at the pointer.
 
-    `asked` has the values of the sliders by name; others are those of `base`.
+    `asked` holds the changed values by name, as text; all other values are taken from `base`.
 
     Raises InputError or ValueError: a value cannot be used, or the sun is down.
     """
     numbers: dict[str, Any] = {name: float(asked[name]) for name in SLIDERS if name in asked}
     limits = replace(base.limits, glint=float(asked.get("glint", base.limits.glint)))
     mission = replace(base, limits=limits, time=asked.get("time", base.time), **numbers)
-    if "visibility" in asked:  # the rest of the air follows the sliders where it is not given
+    if "visibility" in asked:  # where `base` has no air, other defaults follow place and time
         mission = replace(mission, air=replace(mission.weather, visibility=float(asked["visibility"])))
     sensor = asked.get("sensor", base.sensor.name)
     if sensor != base.sensor.name:
@@ -152,7 +152,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _start(base: Mission) -> dict[str, Any]:
-    """Initial values of the page."""
+    """Initial values of the page, for JSON."""
     values = {name: getattr(base, name) for name in SLIDERS}
     values |= {"visibility": base.weather.visibility, "glint": base.limits.glint}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]

@@ -1,8 +1,8 @@
 """Skylight reflected by the wind-roughened sea: its mean, and the share of facets brighter than a limit.
 
-The sum over facets of the thesis (eq. 2.26 and 2.27), weighted by each facet's share of the sea as seen by the sensor,
-is computed at several hundred viewing geometries and interpolated to all others: both quantities vary slowly. Facets
-that reflect the sea instead of the sky do not contribute.
+A facet is a small plane part of the surface. Both quantities are sums over facets (Fink 2014, eq. 2.26 and 2.27),
+weighted by the share of the sea that each facet covers as seen by the sensor. They vary slowly, so they are computed at
+several hundred viewing geometries and interpolated to all others. Facets that reflect the sea do not contribute.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from ..physics import fresnel, sky, slopes
 from ..physics._checks import Floats
 
 ZENITHS, AZIMUTHS = 21, 36  # number of zenith angles and azimuths at which the facets are summed
-FACETS, FACET_REACH = 40, 4.5  # facets along each axis of the wind, and their largest slope [standard deviation]
+FACETS, FACET_REACH = 40, 4.5  # facets along and across the wind, and largest slope [standard deviations]
 LEVELS = np.geomspace(2e-3, 2.0, 120)
 """Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
 
 
 class Wind(NamedTuple):
-    """Wind for the slope model: speed at its reference height [m/s], azimuth it blows from [degree], model."""
+    """Wind for a slope model: speed at its reference height [m/s], azimuth from which it blows [degree], model name."""
 
     speed: float
     blows_from: float
@@ -29,10 +29,10 @@ class Wind(NamedTuple):
 
 
 class Skylight:
-    """Reflected skylight for zenith angles and azimuths of the sensor; `sun` is a zenith angle and an azimuth [degree].
+    """Reflected skylight for zenith angles and azimuths of the sensor, and of the sun (a pair), all [degree].
 
-    The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each geometry; within 2.5 %
-    under a clear sky in strong wind.
+    `model` is the sky model. The mean lies within 1 % of `deglint.physics.sky.reflectance`, which is computed at each
+    geometry; within 2.5 % under a clear sky in strong wind.
     """
 
     def __init__(
@@ -44,11 +44,11 @@ class Skylight:
         down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
         # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
         self.mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
-        # share of the sea whose facets mirror more than each of `LEVELS`, (level, zenith, azimuth) [1]
+        # share of the sea whose facets reflect more than each of `LEVELS`, (level, zenith, azimuth) [1]
         self.brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
 
     def share_above(self, level: Floats) -> Floats:
-        """Share of the sea whose facets reflect more than `level` [1/sr]; both (band, zenith, azimuth)."""
+        """Share of the sea whose facets reflect more than `level` [1/sr], as `LEVELS`; both (band, zenith, azimuth)."""
         step = np.log(LEVELS[1] / LEVELS[0])
         with np.errstate(divide="ignore"):
             place = np.log(level / LEVELS[0]) / step
@@ -64,9 +64,10 @@ class Skylight:
 def _carried(
     values: Floats, place: Floats, axis: int, weights: Callable[[Floats], tuple[Floats, ...]], *, periodic: bool = False
 ) -> Floats:
-    """Interpolate values at equal steps along an axis to positions in units of steps.
+    """Interpolate values, given at equal steps along an axis, to positions `place` in units of steps.
 
-    Written without BLAS, whose threads block each other on a busy machine.
+    `weights` gives the weights of the nodes around a position; a `periodic` axis wraps around. BLAS is not called, as
+    its threads block each other on a busy machine.
     """
     count = values.shape[axis]
     first = np.floor(place).astype(int)
@@ -80,20 +81,27 @@ def _carried(
 
 
 def _cubic(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 to 3 for a position x, by cubic interpolation."""
+    """Weights of the nodes 0 to 3 for positions x between them (0 to 3), by cubic interpolation."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
 def _linear(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 and 1: linear interpolation keeps shares monotonic in the level."""
+    """Weights of the nodes 0 and 1 for positions x between them (0 to 1), by linear interpolation.
+
+    It is used for the shares of facets brighter than a level: unlike cubic interpolation, it never makes a share rise
+    with the level.
+    """
     return 1.0 - x, x
 
 
 def _summed(
     zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Mean (zenith, azimuth) and share above the levels (level, zenith, azimuth); azimuths are relative to the wind."""
+    """Mean (zenith, azimuth) [1/sr], and share of the sea above each of `LEVELS` (level, zenith, azimuth) [1].
+
+    The azimuths `turns` and the azimuth in `sun` are relative to the azimuth from which the wind blows [degree].
+    """
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
     to_sun = _unit(*sun)
@@ -106,19 +114,19 @@ def _summed(
     cosine2 = np.cos(np.radians(turns)) ** 2
     crowd = 1.0 + slopes.hidden(zeniths[:, None], variances[0] * cosine2 + variances[1] * (1.0 - cosine2))
     brighter = np.cumsum(count[..., ::-1], axis=-1)[..., ::-1] / crowd[..., None]
-    brighter[..., 1:] -= 0.5 * count[..., 1:] / crowd[..., None]  # what lies at a level is half above it
+    brighter[..., 1:] -= 0.5 * count[..., 1:] / crowd[..., None]  # of the facets counted at a level, half are above it
     return (mean / crowd).astype(np.float32), np.moveaxis(brighter, -1, 0).astype(np.float32)
 
 
 def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
-    """Unit vector (upwind, crosswind, up), single precision."""
+    """Unit vector (upwind, crosswind, up) towards a zenith angle and an azimuth relative to the wind [degree]."""
     z, a = np.radians(zenith), np.radians(turn)
     level = np.sin(z)
     return np.asarray(level * np.cos(a), np.float32), np.asarray(level * np.sin(a), np.float32), float(np.cos(z))
 
 
 class _Facets:
-    """Facets of a sea: slopes, weight (share of the sea's area / cos(tilt)), vertical part of the normal."""
+    """Facets of the sea: slopes [1], share of the horizontal area [1], vertical component of the unit normal."""
 
     def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
@@ -130,12 +138,12 @@ class _Facets:
         self.upwind, self.crosswind, self.share, self.up = (
             np.asarray(a, np.float32) for a in (upwind, crosswind, density, up)
         )
-        self.step = float(np.sqrt(area))
+        self.step = float(np.sqrt(area))  # mean distance of the slopes of neighbouring facets [1]
 
     def seen(
         self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
-        """Share of the sea as seen by the sensor, and reflected radiance [1/sr]; (azimuth, facet)."""
+        """Share of the sea that a facet covers for the sensor [1], and reflected skylight [1/sr]; (azimuth, facet)."""
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
         incidence = np.clip(slant * self.up, 1e-6, 1.0)
@@ -146,14 +154,14 @@ class _Facets:
         towards += (-twice * self.crosswind - y) * to_sun[1]
         light = sky.radiance_of_cosines(np.clip(rises, 0.0, 1.0), towards, sun_zenith, model=model)
         light *= fresnel.reflectance_of_cosine(incidence)
-        edge = np.float32(max(2.0 * self.step * np.sin(np.radians(zenith)), 1e-3))  # a facet's cell may straddle it
+        edge = np.float32(max(2.0 * self.step * np.sin(np.radians(zenith)), 1e-3))  # a facet may cross the horizon
         weight = np.maximum(slant, 0.0) * np.clip(rises / edge + 0.5, 0.0, 1.0)
         weight *= self.share / np.float32(cosine)
         return weight, light
 
 
 def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
-    """Histogram of weights (geometry, facet) over the levels (geometry, level), each split between adjacent levels."""
+    """Histogram (geometry, level) of `light`, weighted; a weight (geometry, facet) is split between adjacent levels."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

@@ -16,19 +16,23 @@ from .mission import SUN_LIMIT, Mission
 from .missionfile import tables_of
 
 EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
-FREE = 0.02  # largest share of the view in glint of a good heading [1]
+FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
 SPOILT = 0.5
 """Share of the view in glint above which no heading is recommended [1]: less than half of the line is usable."""
-_ACROSS, _ALONG = 121, 31  # points of the field of view
+_ACROSS, _ALONG = 121, 31  # number of points across and along the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
 TIME_STEP = 30  # step between the times that are tried [minute]
 TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # pitch and roll that are tried, to either side [degree]
-GAIN = 0.5  # an alternative with glint is reported if its glint is below this share of that of the plan
+GAIN = 0.5  # an alternative with glint must have less than this fraction of the glint of the plan [1]
 
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView(Checked):
-    """Field of view of a sensor, of one image or of a scan line, and its tilt."""
+    """Field of view of a sensor (one image, or a scan line), its tilt, and its altitude [m].
+
+    `across` and `along` are full angles across and along the track [degree]; `along` is 0 for a line scanner. `pitch`
+    (forward positive) and `roll` (to the right positive) tilt the middle of the view away from nadir [degree].
+    """
 
     across: float = ranged(40.0, 0.0, 160.0, "degrees", "Give the full angle across the track.")
     along: float = ranged(0.0, 0.0, 160.0, "degrees", "Give the full angle along the track; 0 is a line scanner.")
@@ -38,7 +42,7 @@ class FieldOfView(Checked):
 
 
 class Line:
-    """Glint over the field of view on flight lines, for headings [degree], by default every 5 degrees.
+    """Glint in the field of view on flight lines with several headings [degree], by default every 5 degrees.
 
     Points beyond the largest zenith angle of the glint model, 89 degrees, or above the horizon count as in glint.
     """
@@ -53,40 +57,40 @@ class Line:
             wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
         ).radiance  # fmt: skip
         kept = np.where(seen, strength, 0.0)
-        # share of the view whose glint exceeds the limit, as the detector sees it, (heading,) [1]
+        # share of the view, in equal steps of angle, whose glint exceeds the limit, (heading,) [1]
         self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))
         self.mean = kept.mean(axis=(1, 2))  # glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
         self.across = np.linspace(-0.5, 0.5, _ACROSS) * view.across  # angles across the track, right positive [degree]
-        # largest glint along the track at each angle across, (heading, across) [1/sr]
+        # largest glint along the track at each angle across it, (heading, across) [1/sr]; NaN where not modelled
         self.profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
 
     @property
     def best(self) -> int:
-        """Index of the heading with the smallest share of the view in glint; then with the least glint."""
+        """Index of the heading with the smallest share of the view in glint; of equals, with the least mean glint."""
         return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
 
     @property
     def worst(self) -> int:
-        """Index of the heading with the largest share of the view in glint; then with the most glint."""
+        """Index of the heading with the largest share of the view in glint; of equals, with the most mean glint."""
         return int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
 
     @property
     def is_good(self) -> bool:
-        """Whether the best heading has (nearly) no glint in view."""
+        """Whether at most `FREE` of the view is in glint on the best heading."""
         return bool(self.fraction[self.best] <= FREE)
 
     @property
     def is_any(self) -> bool:
-        """Whether no heading has glint."""
+        """Whether any heading will do: even the worst has less than 0.05 % of the view in glint."""
         return bool(self.fraction[self.worst] < 5e-4)
 
     @property
     def is_recommended(self) -> bool:
-        """Whether the best heading is usable, and better than others."""
+        """Whether the best heading is usable (at most `SPOILT` in glint), and other headings are worse."""
         return not self.is_any and bool(self.fraction[self.best] <= SPOILT)
 
     def words(self) -> str:
-        """Text: the recommended heading, or that there is none."""
+        """Text that recommends a heading, or says that any heading, or none, is good."""
         where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
         if self.is_any:
             return f"Any heading will do: no part of the view ({where}) is in glint."
@@ -101,9 +105,10 @@ class Line:
 
 
 def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """Viewing geometries of the points in the field of view, for a heading [degree].
+    """Viewing geometries of the points in the field of view, for headings (...) [degree].
 
-    Returns zenith angles and azimuths, (..., along, across) [degree]; NaN where a ray misses the Earth.
+    Returns zenith angles and azimuths of the sensor as seen from the sea, (..., along, across) [degree]. Zenith angles
+    are NaN where a ray misses the Earth.
     """
     across = np.radians(np.linspace(-0.5, 0.5, _ACROSS) * view.across)
     along = np.radians(np.linspace(-0.5, 0.5, _ALONG if view.along else 1) * view.along)[:, None]
@@ -121,16 +126,16 @@ def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Float
 
 @dataclass(frozen=True)
 class Alternative:
-    """A flight line with less glint."""
+    """A flight line with less glint, at another time or with another tilt of the sensor."""
 
     heading: float  # [degree]
     fraction: float  # share of the field of view in glint [1]
-    time: np.datetime64 | None  # when to fly, UTC; None at the time of the plan
-    pitch: float  # of the sensor [degree]
-    roll: float
+    time: np.datetime64 | None  # when to fly, UTC; None: at the time of the plan
+    pitch: float  # of the sensor, forward positive [degree]
+    roll: float  # of the sensor, to the right positive [degree]
 
     def words(self, view: FieldOfView) -> str:
-        """Text of the alternative; `view` is that of the plan."""
+        """Text of the alternative; `view` is the field of view of the plan."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
@@ -142,10 +147,9 @@ class Alternative:
 
 
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
-    """Alternatives to the flight lines of a mission; empty if a heading is good, or nothing is better.
+    """At most one other time and one other tilt of the sensor with less glint than the flight lines of a mission.
 
-    At most one other time and one other view angle: the nearest that is free of glint, else the one with the least
-    glint.
+    Each is the nearest that is good; if none is good, the best, if it is much better. Empty if a heading is good.
     """
     if line.is_good:
         return ()
@@ -154,7 +158,11 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
-    """The first alternative that is free of glint; else that with the least, if much less than the plan."""
+    """The first alternative with at most `FREE` of the view in glint; `tried` yields the nearest first.
+
+    If there is none: the alternative with the smallest share in glint, if this share is below `GAIN` times the share
+    of the best heading of the plan; else None.
+    """
     found = []
     for one in tried:
         if one.fraction <= FREE:
@@ -165,7 +173,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Other times of the day, the nearest first."""
+    """The best flight line at each time within 12 hours when the sun is up; the nearest time comes first."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
@@ -176,7 +184,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Pitch and roll angles, the smallest first."""
+    """The best flight line for each roll and pitch of `TILTS`; the smallest angle comes first."""
     for tilt in TILTS:
         if tilt + 0.5 * max(view.across, view.along) < 80.0:
             for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
@@ -190,7 +198,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """Text of the plan: the recommended heading, or that there is none, and alternatives."""
+    """Lines of text: the recommended heading, or that any or none is good; and alternatives."""
     out = [line.words(), *(one.words(line.view) for one in others)]
     if not line.is_good and not others:
         out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")
@@ -198,7 +206,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Flight lines and alternatives as values for JSON."""
+    """Glint for every heading, the best heading, and the alternatives, as values for JSON."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

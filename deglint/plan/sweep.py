@@ -24,12 +24,12 @@ class Moment:
     time: np.datetime64  # UTC
     sun_zenith: float  # [degree]
     sun_azimuth: float  # [degree]
-    geometry: ViewingGeometry | None  # the best one; None where there is none, or the sun is too low
-    excluded_share: float  # share of the sky above the object that is excluded [1]
+    geometry: ViewingGeometry | None  # the best one; None where all are excluded, or the sun is too low
+    excluded_share: float  # share of the solid angle of all viewing geometries that is excluded [1]
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
-    """Times from start to end, both included.
+    """Times (UTC) from start to end, `minutes` apart; the end is included if a step falls on it.
 
     Raises InputError: the end lies before the start.
     """
@@ -41,15 +41,15 @@ def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
 
 
 def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) -> np.datetime64:
-    """The time of the highest solar elevation."""
+    """The time in `when` (UTC) with the highest solar elevation, at a latitude and longitude [degree]."""
     zenith = sun.position(latitude, longitude, np.array(when, dtype="datetime64[s]")).zenith
     return when[int(np.argmin(zenith))]
 
 
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
-    """Next time with a solar elevation of at least `DAYLIGHT`, to 10 minutes; else that of the highest sun of the day.
+    """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
-    The search begins at `start`, by default now.
+    If it never is within 24 hours: the time when the sun is highest. `start` is now by default.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 
 
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
-    """Reticles of a mission at several times (UTC); None where the sun is too low.
+    """Summary and reticle of a mission at each of several times (UTC); the reticle is None where the sun is too low.
 
     Raises InputError: the mission has no place.
     """
@@ -79,13 +79,13 @@ def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment,
 
 
 def best_moment(moments: Sequence[Moment]) -> Moment | None:
-    """The time with the highest contrast; None if no time has a good viewing geometry."""
+    """The summary of the time with the highest contrast; None if no time has a good viewing geometry."""
     good = [m for m in moments if m.geometry is not None]
     return max(good, key=lambda m: m.geometry.contrast if m.geometry else 0.0, default=None)
 
 
 def table(moments: list[Moment]) -> list[str]:
-    """The sweep as lines of text."""
+    """The sweep as lines of text, one line for each time."""
     out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:

@@ -1,4 +1,4 @@
-"""A plan with uncertain wind: intervals of glint and contrast, and the probability of glint."""
+"""A plan with uncertain wind: intervals of glint and contrast, and the share of winds that exclude a geometry."""
 
 from dataclasses import asdict, replace
 from itertools import product
@@ -17,7 +17,7 @@ SPEEDS, TURNS = 5, 7  # number of speeds and of directions in the interval, ends
 
 
 class WindEnsemble:
-    """A mission under all winds of an interval; pairs (2, zenith, azimuth) are the lowest and the highest value.
+    """Glint and contrast of a mission under all winds of an interval.
 
     The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
     plus or minus `turn` [degree], 180 for any direction.
@@ -32,13 +32,13 @@ class WindEnsemble:
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
         speeds = np.unique([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind])
         turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-        self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree] of the ensemble
+        self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree]
         coarse = mission.coarse()
-        self.middle = reticle(coarse)  # under the wind of the mission
+        self.middle = reticle(coarse)  # reticle under the wind of the mission
         plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*self.winds))
         layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
         *held, excluded = (np.array(layer) for layer in layers)
-        # pairs of these layers of `Reticle`
+        # lowest and highest value of layers of `Reticle` (contrast: `combined`), (2, zenith, azimuth)
         self.glint, self.glint_probability, self.contrast = (np.stack([v.min(axis=0), v.max(axis=0)]) for v in held)
         self.risk = excluded.mean(axis=0)  # share of the winds that exclude a viewing geometry, (zenith, azimuth) [1]
 
@@ -48,7 +48,7 @@ class WindEnsemble:
         return best_geometry(self.middle, self.contrast[0])
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
-        """Intervals at a viewing geometry."""
+        """Lowest and highest glint [1/sr], glint probability [1] and contrast over noise [1] at a viewing geometry."""
         i, j = self.middle.nearest(geometry.zenith, geometry.azimuth)
         pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
@@ -69,7 +69,7 @@ def words(found: WindEnsemble) -> list[str]:
 
 
 def numbers(found: WindEnsemble) -> dict[str, Any]:
-    """The intervals as values for JSON, with the risk of glint of every viewing geometry."""
+    """The intervals as values for JSON, with the share of winds that exclude each viewing geometry."""
     geometry = found.best
     return {
         "mission": tables_of(found.middle.mission),
