@@ -44,10 +44,7 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """The state with `values` where the mask is True, marked as replaced, and with other `changes` of fields.
-
-    `where` and `values` are (band, row, column).
-    """
+    """The state with `values` in the pixels `where` (band, row, column), marked as replaced, and with `changes`."""
     replaced = where if state.replaced is None else state.replaced | where
     return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
 
