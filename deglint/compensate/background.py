@@ -239,13 +239,13 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Limit from which outline detail is used [`colour`], from sparkle in the NIR bands `nir` (0-based)."""
+    """Limit from which outline detail is used [`colour`]: above the detail of sparkle in the 0-based bands `nir`."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
-    """`Background.caps`: largest value of water, and noise, of each band if resampling has caused ringing; else empty.
+    """For each band the largest value of water, and noise, if resampling has caused ringing; else empty.
 
     Resampling leaves negative lobes (pits) beside sparkle, and an erosion would widen them. Dark objects are darker
     than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band has

@@ -24,7 +24,7 @@ class Median:
 
     @property
     def halo(self) -> int:
-        """Half the largest window [pixel]."""
+        """Pixels around a block that the stage needs: half the largest window."""
         return self.largest // 2
 
     def apply(self, state: State) -> State:

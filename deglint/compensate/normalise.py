@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of a sample (pixel,), and False. If the fraction of glint pixels is above `most_cover`: mode, and True."""
+    """Median of `values` (pixel,) and False; or their mode and True, if more than the share `most_cover` are glint."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))

@@ -132,7 +132,7 @@ class Posterior:
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """Replace the image by the posterior mean, and set the variance of its error."""
+        """Replace the image by the posterior mean if `resolved`, and set the variance of its error."""
         taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
@@ -152,23 +152,23 @@ class Posterior:
 
 
 def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[Float32, Float32]:
-    """Posterior mean of the water with its noise, and the variance of its error.
+    """Posterior mean of the water in a band, noise included, and the variance of its error.
 
     Parameters
     ----------
     x : (row, column) float32 ndarray
         A band after removal.
     v : (row, column) float32 ndarray
-        Variance of left-over glint in each pixel.
+        Variance of left-over glint in each pixel [unit of `x` squared].
     s2 : float32
-        Variance of noise.
+        Variance of noise [unit of `x` squared].
     side : int
         Side of the window for the mean of the water [pixel].
 
     Returns
     -------
     mean : (row, column) float32 ndarray
-        `x` to the bit where `v` is 0.
+        Equal to `x`, to the bit, where `v` is 0.
     variance : (row, column) float32 ndarray
         Variance of the error, noise included.
     """

@@ -41,7 +41,7 @@ class PSF:
 
     @property
     def radius(self) -> int:
-        """Reach of the kernel [pixel]."""
+        """Pixels from the centre of the kernel to its edge."""
         return len(self.kernel) // 2
 
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:

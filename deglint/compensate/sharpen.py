@@ -16,7 +16,7 @@ FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algo
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """A band (row, column) convolved with a PSF, as the sum of `rank` separable kernels; 1 has 5 % larger errors."""
+    """A band (row, column) convolved with a PSF: `rank` separable kernels are added; with 1, errors are 5 % larger."""
     import cv2
 
     parts = [

@@ -23,7 +23,7 @@ Stage = Any
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage."""
+    """Definition of a stage: an entry of `STAGES`."""
 
     help: str  # description in one line
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
@@ -97,7 +97,7 @@ class Chain:
 
     @property
     def runs(self) -> bool:
-        """Whether there are any stages."""
+        """Whether there is any stage beside the removal."""
         return bool(self.before or self.after)
 
     @property
@@ -123,7 +123,7 @@ def parse(text: str) -> tuple[Step, ...]:
     Raises
     ------
     InputError
-        An unknown stage, an unexpected number, or a missing number.
+        A stage is unknown, has a wrong number, or comes without the stages that it needs.
 
     Examples
     --------

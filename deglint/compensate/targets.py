@@ -153,7 +153,7 @@ class Targets:
 
 
 def brightness(e: Float32) -> Places:
-    """Exponent, 0 to 16, of the power of 2 nearest to the brightest band, (pixel,); `e`: excess (band, pixel)."""
+    """Exponent, 0 to 16, of the power of 2 nearest to the largest excess, (pixel,); `e`: excess (band, pixel)."""
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 

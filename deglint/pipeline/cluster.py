@@ -159,7 +159,7 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """The work function, unpickled once in each worker process."""
+    """The function that was pickled as `packed`; it is unpickled once in each worker process."""
     import cloudpickle
     import cv2
     from threadpoolctl import threadpool_limits

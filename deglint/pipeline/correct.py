@@ -81,7 +81,7 @@ class Correction:
     layout: Layout  # of the corrected image
     chain: Chain = field(default_factory=Chain)
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
-    water: WaterRule | None = None  # else the rule that finds these pixels
+    water: WaterRule | None = None  # else the rule that finds these pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     only: tuple[int, ...] = ()  # 0-based bands that the user has selected; empty: no selection
     want_flags: bool = False
@@ -188,7 +188,7 @@ class Correction:
         return np.asarray(physical >= limits[:, None, None])
 
     def _remove(self, block: Block, physical: Any) -> None:
-        """Subtract the glint that the model predicts from `physical`."""
+        """Subtract from `physical`, (band, row, column), the glint that the model predicts."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
@@ -318,7 +318,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, with standard errors. Raises InputError, FitError: they cannot be estimated."""
+    """The same correction, which also computes standard errors. InputError, FitError: they cannot be estimated."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)

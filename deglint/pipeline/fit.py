@@ -33,13 +33,13 @@ SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted scene.
+    """Result of fitting a recipe to a scene.
 
     Attributes
     ----------
     model : GlintModel
     recipe : Recipe
-        With every "auto" resolved.
+        With the method, compensation and regression that were chosen.
     notes : tuple of str
         The decisions, as lines for the log.
     sampled : dict or None

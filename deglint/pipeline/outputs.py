@@ -142,7 +142,7 @@ class Result:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Names of the bands that differ from the input; the others are copied."""
+        """Names of the bands with changed pixels; the other bands are copied."""
         return tuple(self.sidecar["pixels"]["changed"])
 
 
@@ -167,7 +167,7 @@ def log_scene(scene: Scene) -> None:
 
 
 def log_nir(note: str) -> None:
-    """Log which bands show the glint."""
+    """Log the `note` on the NIR bands; a doubt in it is logged as a warning."""
     said, _, doubt = note.partition("; warning: ")
     log.info("%s", said)
     if doubt:
@@ -279,7 +279,7 @@ def versions() -> dict[str, str]:
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
-    """Warnings of values that the output cannot hold, or that are physically impossible."""
+    """Warnings: pixels below zero, and pixels clipped to the integer range of the output, in each band."""
     said = []
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
         if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
@@ -288,7 +288,7 @@ def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
 
 
 def saved(fitted: Fitted) -> str:
-    """A fit as JSON text (what `--save-model` writes)."""
+    """The model and the compensation of a fit as JSON text, which `--save-model` writes."""
     compensation = {"compensation": fitted.chain.numbers()} if fitted.chain.runs else {}
     return json.dumps(json.loads(fitted.model.to_json()) | compensation, indent=2)
 

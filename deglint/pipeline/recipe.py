@@ -50,8 +50,8 @@ class Recipe:
         Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
         not known.
     tolerance : float
-        Reading of the sample stops when the relative standard error of the slopes is below this. 0 (off): the whole
-        given sample is read, or the default share of a scene. See `deglint.pipeline.sampling`.
+        Reading of the sample stops when the relative standard error of the slopes is at most this. 0 (off): a given
+        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sampling`.
     """
 
     method: str = "auto"
@@ -107,7 +107,7 @@ class Recipe:
 
     @property
     def chain(self) -> str:
-        """Stages of compensation: "auto" if a candidate is to be chosen, "off" for none."""
+        """Stages of compensation as text: "auto" if a candidate is to be chosen, "off" for no stages."""
         if self.compensate == "auto":
             return "auto" if self.method == "auto" else "off"
         return THESIS_CHAIN if self.compensate == "thesis" else self.compensate

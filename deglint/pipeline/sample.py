@@ -78,7 +78,7 @@ class Sampler:
 
 
 def sampler_of(job: Job) -> Sampler:
-    """Where the sample lies that the recipe of a job requests.
+    """The `Sampler` for the sample that the recipe of a job requests.
 
     Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
     """
@@ -117,7 +117,7 @@ def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Til
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A training tile of a scene, with the halo that stages need."""
+    """A training tile: a part of a scene that is read for a fit, with the halo that stages need."""
 
     tile: Tile
     outer: Tile  # with the pixels around
