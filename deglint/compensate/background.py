@@ -1,10 +1,10 @@
 """Background: a band without glint, estimated from the darkest pixels within a window (morphological opening).
 
 Glint is brighter and smaller than the objects to keep, so an opening removes it: the minimum over a window, then the
-maximum of these minima. The opening also removes corners and round outlines of objects. Openings with windows of other
-shapes restore them, but restore glint as well. Their detail is therefore used only where a neighbouring band in time
-shows it too, and where it is brighter than the detail that sparkle shares between NIR bands, which show no objects
-under water.
+maximum of these minima. An opening by a square also removes corners and round edges of objects. Openings by an octagon
+and a diamond keep them, but also keep more glint. What they add to the opening by a square is the outline detail. It is
+used only where two bands have more of it than sparkle has in the NIR bands, which show no objects under water; and in
+each band up to `MOST` times the detail of the bands before and after it in time.
 
 Fails where clumps of glint are wider than the window (their darkest pixel is glint). Objects and textures of the bottom
 that are narrower than the window are removed.
@@ -27,26 +27,26 @@ from .state import Float32, Sample, Setting, State
 
 OPENING_WINDOW = 13
 """Default window [pixel]: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
-SMALLEST_OUTLINE = 7  # smallest window whose octagon and diamond differ from a square [pixel]
+SMALLEST_OUTLINE = 7  # smallest window [pixel] for which the octagon and the diamond differ from the square
 MOST = 2.0
-"""Largest ratio of an outline in one band to the brighter of its neighbours in time, in units of glint: the difference
-in the visible that one metre of water makes."""
+"""Upper limit of the outline detail of a band, relative to the brighter of its neighbours in time, in units of glint:
+about the factor by which one metre of water changes the ratio of two visible bands."""
 RARE_SPARKLE = 0.99
-"""Quantile of the detail that sparkle shares between NIR bands, from which the limit for outlines is computed: about
-one clump in ten windows exceeds it."""
+"""Quantile of the outline detail of the NIR bands, which is sparkle. `ABOVE` times this quantile is the limit from
+which outline detail is used. About one clump in ten windows exceeds the quantile."""
 ABOVE = 1.5
-"""The limit as a multiple of that quantile: at 1, sparkle adds 10 % to the error at 9 m/s; at 4, faint discs are lost.
-"""
+"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to the error at a wind of 9 m/s; with 4, faint
+discs are lost."""
 COVER_K = 3.0
-"""Standard deviations above the background from which a pixel counts as glint in the fraction of glint pixels (0.1 % of
-normal noise)."""
-HALF_NORMAL = 0.399  # mean depth of normal noise below its centre, over all pixels [standard deviation]
+"""A pixel counts in the fraction of glint pixels if it exceeds the background by this number of standard deviations of
+noise (0.1 % of the pixels with normal noise do)."""
+HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
-"""Ratio of pixels with a raised background (faint glint, or glint within the window) to pixels with certain glint."""
+"""Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
 PIT_K, MOST_PITS = 5.0, 3e-4
-"""A pit lies this many standard deviations below the water around it; and the share of pits above which an image counts
-as ringing. Normal noise has 3e-7, simulated seas have up to 1e-4; scenes resampled by cubic convolution or Lanczos have
-4e-4 to 1e-2 in every band."""
+"""A pit is a pixel that is darker than the water around it by `PIT_K` standard deviations of noise. An image has
+ringing if the share of pits exceeds `MOST_PITS` in every band. The share is 3e-7 for normal noise, up to 1e-4 in
+simulated seas, and 4e-4 to 1e-2 in scenes resampled by cubic convolution or Lanczos."""
 PIT_SIDE = 9  # side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels
 
 
@@ -60,8 +60,8 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     size : int
         Width of the window, odd [pixel].
     cut : int
-        Steps of one pixel by which the corners are cut off: 0 a square, a quarter of the size an octagon, half of
-        it a diamond.
+        Side of the corners that are cut off [pixel]: 0 gives a square, a quarter of the size an octagon, half of the
+        size a diamond.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
 
 
 def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
-    """Five-pixel structuring elements that, applied in turn, equal a diamond; each doubles the radius."""
+    """Structuring elements of five pixels. Applied in sequence, they act as a diamond of this radius [pixel]."""
     parts, reach = [], 0
     while reach < radius:
         arm = min(max(reach, 1), radius - reach)
@@ -94,10 +94,11 @@ def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
-    """Detail that openings with windows of other shapes add to openings by a square: (band, row, column), not negative.
+    """Outline detail: what openings of `sharp` by an octagon and a diamond add to `level`, the opening by a square.
 
-    The octagon is 2 pixels narrower, to follow blurred discs; the diamond is 4 wider, which gives it the area of half
-    the square and the height of a square of the same area that stands on its corner.
+    All arrays are (band, row, column); the detail is not negative. The octagon is 2 pixels narrower than the square of
+    side `size`, so that it fits into blurred discs. The diamond is 4 pixels wider, so that its area is similar: 145
+    pixels beside a square of 169.
     """
     octagon, diamond = size - 2, size + 4
     out = np.empty_like(sharp)
@@ -108,7 +109,9 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """Detail of each band, at most `MOST` times that of the brighter neighbour in time; in units of glint."""
+    """Outline detail (band, row, column), limited to `MOST` times the larger detail of the bands before and after in
+    time [unit of glint]. `order`: bands in order of time. A single band has no detail.
+    """
     out = np.empty_like(details)
     for place, b in enumerate(order):
         beside = [details[order[i]] for i in (place - 1, place + 1) if 0 <= i < len(order)]
@@ -117,9 +120,9 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of the excess over an opening, and the standard deviation of the values below the mode."""
+    """Mode of the excess over an opening, (pixel,), and standard deviation about it of the values below it."""
     away = np.abs(excess)
-    apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # pixels found again say nothing
+    apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
     low, high = np.percentile(d, [0.5, 70])
     counts, edges = np.histogram(d, 256, (low, max(high, low + 1e-12)))
@@ -130,7 +133,7 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def around(band: Float32, cap: float) -> Float32:
-    """Mean of the water around each pixel, values limited to `cap`."""
+    """Mean over `PIT_SIDE` x `PIT_SIDE` pixels around each pixel (row, column); values above `cap` count as `cap`."""
     import cv2
 
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
@@ -138,33 +141,35 @@ def around(band: Float32, cap: float) -> Float32:
 
 @dataclass(frozen=True)
 class Background:
-    """Fitted background; pixels above it are glint."""
+    """The stage `identify-level`: the background of each band; pixels that exceed it are glint."""
 
     name: ClassVar[str] = "identify-level"
     size: int  # width of the window [pixel]
-    order: tuple[int, ...]  # bands by time
-    colour: tuple[float, ...]  # relative radiance of glint in each band, about one standard deviation of noise
+    order: tuple[int, ...]  # 0-based bands in order of time
+    colour: tuple[float, ...]  # unit of glint: its spectrum, scaled so that colour / noise has a median of 1
     offsets: tuple[float, ...]  # mode of the difference between each band and its opening
-    sigmas: tuple[float, ...]  # standard deviation of the noise of each band
+    sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
-    limit: float | None  # least detail shared by two bands that is an outline [`colour`]; None: outlines are not used
-    caps: tuple[tuple[float, float], ...] = ()  # with ringing: brightest value of water and noise, of each band
+    limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
+    caps: tuple[tuple[float, float], ...] = ()  # with ringing: largest value of water, and noise, of each band
     reach: int = 0  # radius of the widest PSF [pixel]
-    cut: tuple[float, ...] = ()  # decrease of each band's mean by replacing noise above the background [scene's unit]
+    cut: tuple[float, ...] = ()  # decrease of each band's mean by replaced noise [scene's unit]
 
     @property
     def clear(self) -> float:
-        """Share of pixels without glint; undetected faint glint is assumed to cover as many as detected glint."""
+        """Share of pixels without glint, 0..1. Faint glint is assumed to cover as many pixels as detected glint."""
         return max(1 - 2 * self.cover, 0.0)
 
     @property
     def halo(self) -> int:
-        """Reach of the widest opening, of the growth of outlines, and of the PSF [pixel]."""
+        """Pixels around a block that the stage needs: for the widest opening, the outline detail, and pits or PSF."""
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """The bands to open: deconvolved, or with filled pits where the image rings; and their openings by a square."""
+        """Bands to open, and their openings by a square, (band, row, column) each. The bands are deconvolved if a stage
+        `psf` came before; if the image has ringing, they are the image with pits filled.
+        """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
             parts = zip(state.image, self.caps, strict=True)
@@ -172,12 +177,12 @@ class Background:
         return source, np.stack([opening(b, self.size) for b in source])
 
     def details(self, source: Float32, level: Float32) -> Float32:
-        """Outlines beside these openings that neighbours in time share, in units of `colour`."""
+        """Outline detail of `source`, with openings `level`, limited by `shared`, (band, row, column) [`colour`]."""
         unit = np.array(self.colour, np.float32)[:, None, None]
         return shared(outlines(source, level, self.size) / unit, self.order)
 
     def level(self, state: State) -> Float32:
-        """Opened bands with outlines, blurred like the image; without the offsets."""
+        """Background (band, row, column) without offsets: openings plus outline detail, blurred like the image."""
         import cv2
 
         source, level = self.opened(state)
@@ -195,8 +200,9 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it.
 
-        Pixels with noise above the background are marked too; replacement removes their noise. A threshold of one
-        standard deviation changed errors by less than 2 %, but by 19 % in dense glint, where faint glint is below it.
+        Pixels in which only noise exceeds the background are marked, too, and their noise is replaced with them. With a
+        threshold of one standard deviation, errors differ by less than 2 %; but by 19 % in dense glint, as that
+        threshold misses faint glint.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -204,7 +210,7 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the background to a sample of a scene; `number` is the width of the window, odd [pixel].
+    """Fit the background to a sample of a scene; `number` is the odd width of the window, 13 by default [pixel].
 
     Raises FitError: the sample is too small.
     """
@@ -233,17 +239,17 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Least detail that sparkle does not share, from the NIR, which shows glint and no objects under water."""
+    """Limit from which outline detail is used [`colour`]: above the detail of sparkle in the 0-based bands `nir`."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
-    """Caps and noise of each band if the image has ringing from resampling; else empty.
+    """For each band the largest value of water, and noise, if resampling has caused ringing; else empty.
 
-    Resampling leaves negative lobes beside sparkle, which an erosion would spread. They are pits below the water. Dark
-    objects also are below it, but not in all bands, as water hides them in some. So an image has ringing if every band
-    has pits.
+    Resampling leaves negative lobes (pits) beside sparkle, and an erosion would widen them. Dark objects are darker
+    than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band has
+    pits. `sigma`: standard deviation of noise, (band,).
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

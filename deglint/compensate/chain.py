@@ -1,4 +1,4 @@
-"""Fit and apply a chain of stages and the removal; each is fitted to the result of the stages before it."""
+"""Fit and apply a chain: its stages and the removal, each fitted to the result of the stages before it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ FitRemoval = Callable[[Sample, Chain], GlintModel]
 
 @dataclass(frozen=True, eq=False)
 class FittedChain:
-    """A fitted chain, and the sample after it."""
+    """A fitted chain, the model of its removal, and the sample after all stages."""
 
     chain: Chain
     model: GlintModel
@@ -24,12 +24,12 @@ class FittedChain:
 
     @property
     def images(self) -> list[Float32]:
-        """Blocks of the sample after the chain, with targets restored."""
+        """Image (band, row, column) of each block of the sample after the chain, with targets restored."""
         return [with_targets(s) for s in self.sample.states]
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
-    """Fit a chain, of stages as `parse` reads them ("remove" alone for none), to a sample.
+    """Fit a chain to a sample. `text` is a chain as `parse` reads it; "remove" is a chain without stages.
 
     Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
     """
@@ -43,13 +43,13 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
 
 
 def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
-    """Apply a chain to a block."""
+    """Apply a fitted chain to a block with a halo; `model` is its removal."""
     state = removed(apply_stages(state, chain.before), model)
     return apply_stages(state, chain.after)
 
 
 def removed(state: State, model: GlintModel) -> State:
-    """The state after the removal."""
+    """The state after the removal, with the subtracted glint in `removed`."""
     if not model.fits:
         return replace(state, removed=np.zeros_like(state.image))
     if not model.halo:
@@ -64,5 +64,5 @@ def removed(state: State, model: GlintModel) -> State:
 
 
 def with_targets(state: State) -> Float32:
-    """The final image, with recognised targets restored."""
+    """The image after all stages, (band, row, column), with the contrast of targets restored."""
     return state.image if state.targets is None else state.image + state.targets

@@ -1,4 +1,4 @@
-"""Glint by one threshold for the whole scene: the median of deep water plus some standard deviations."""
+"""Identify glint by one threshold for each band: the median of deep water plus `K` standard deviations."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -13,23 +13,23 @@ K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """Fitted thresholds; every pixel above is marked as glint, including bright objects and shoals."""
+    """The stage `identify-median`: every pixel above a threshold is marked as glint, also bright objects and shoals."""
 
     name: ClassVar[str] = "identify-median"
     halo: ClassVar[int] = 0
-    thresholds: tuple[float, ...]  # of each band [image's unit at that stage]; at most where the band saturates
+    thresholds: tuple[float, ...]  # of each band [unit of the image at this stage]; at most the saturation value
 
     def apply(self, state: State) -> State:
-        """Mark glint pixels."""
+        """Mark the pixels of each band that exceed its threshold as glint."""
         return replace(state, glint=state.image > np.array(self.thresholds, np.float32)[:, None, None])
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> IdentifyMedian:
-    """Thresholds from a sample; `number` is the number of standard deviations above the median.
+    """Compute thresholds from a sample; `number` is the number of standard deviations above the median, 5 by default.
 
-    The standard deviation is estimated from the values below the median, as glint only adds light: ``1.4826 median(m -
-    x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408), and at least that of the noise. Fails
-    where glint covers half of the pixels: the median is glint then.
+    The standard deviation is estimated from the values x below the median m, as glint only adds light: ``1.4826
+    median(m - x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408). It is at least the standard
+    deviation of noise. Fails where glint covers half of the pixels: the median is then glint.
     """
     k = K if number is None else number
     unit = sample.states[0].unit

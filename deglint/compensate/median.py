@@ -1,4 +1,4 @@
-"""Adaptive median: glint that no other stage replaced takes the median of glint-free pixels around it."""
+"""Adaptive median: glint that no stage before has replaced is set to the median of glint-free pixels around it."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,24 +11,24 @@ from .replace_glint import put
 from .state import Float32, Mask, State
 
 LARGEST_MEDIAN = 25  # default side of the largest window [pixel]: twice the default window of the opening
-CLEAN = 5  # number of glint-free neighbours that suffices: the median of fewer is hardly less noisy than one pixel
+CLEAN = 5  # least number of glint-free pixels in a window: the median of fewer is hardly less noisy than one pixel
 VALUES_AT_ONCE = 1 << 22  # values processed at a time: 16 MB
 
 
 @dataclass(frozen=True)
 class Median:
-    """Adaptive median of glint pixels."""
+    """The stage `median`: adaptive median of glint pixels."""
 
     name: ClassVar[str] = "median"
     largest: int = LARGEST_MEDIAN  # side of the largest window, odd [pixel]
 
     @property
     def halo(self) -> int:
-        """Half the largest window [pixel]."""
+        """Pixels around a block that the stage needs: half the largest window."""
         return self.largest // 2
 
     def apply(self, state: State) -> State:
-        """Fill glint pixels; those with too few glint-free pixels in the largest window keep their value."""
+        """Replace glint pixels; a pixel with too few glint-free pixels in the largest window keeps its value."""
         if state.glint is None:
             raise InputError("median needs glint to be identified: name identify-median or identify-level before it.")
         values, filled = state.image.copy(), np.zeros_like(state.glint)
@@ -39,13 +39,13 @@ class Median:
 
 
 def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST_MEDIAN) -> tuple[Float32, Mask]:
-    """Median of the glint-free pixels around each glint pixel.
+    """Replace each glint pixel of a band by the median of the glint-free pixels around it.
 
     Parameters
     ----------
     band : (row, column) float32 ndarray
     glint, clean : (row, column) bool ndarray
-        Pixels to fill, and those that may be used.
+        Pixels to replace, and glint-free pixels that may be used.
     largest : int
         Side of the largest window, odd [pixel]. The window grows from 3 by 2 until it contains `CLEAN` glint-free
         pixels.
@@ -53,7 +53,8 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     Returns
     -------
     (ndarray, ndarray)
-        The band with filled pixels, and the mask of filled pixels.
+        The band after replacement, and the mask of replaced pixels. Of an even number of values, the lower one of the
+        middle two is taken.
 
     References
     ----------

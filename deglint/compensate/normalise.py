@@ -1,4 +1,4 @@
-"""Normalisation: each band is divided by its level of water, so that bands are comparable."""
+"""Normalisation: each band is divided by its typical value over deep water, so that bands are comparable."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -13,15 +13,15 @@ from .state import Float32, Sample, Setting, State
 
 @dataclass(frozen=True)
 class Normalise:
-    """Fitted normalisation."""
+    """The stage `normalise`: the typical value of deep water (level) by which each band is divided."""
 
     name: ClassVar[str] = "normalise"
     halo: ClassVar[int] = 0
-    levels: tuple[float, ...]  # radiance of deep water in each band
-    robust: tuple[bool, ...]  # whether the level is the mode instead of the median, because of glint
+    levels: tuple[float, ...]  # level of each band [unit of the band]
+    robust: tuple[bool, ...]  # whether the level is the mode instead of the median, because there is much glint
 
     def apply(self, state: State) -> State:
-        """Divide by the levels."""
+        """Divide each band, and its background, by its level."""
         unit = np.array(self.levels, np.float32)
         before = 1 if state.unit is None else state.unit
         background = None if state.background is None else state.background / unit[:, None, None]
@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of a sample; or its mode, and True, where the fraction of glint pixels is above `most_cover`, 0..1."""
+    """Median of `values` (pixel,) and False; or their mode and True, if more than the share `most_cover` are glint."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))

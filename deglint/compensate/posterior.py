@@ -8,11 +8,11 @@ r"""Posterior mean of the water, given the glint that the removal left.
 
 x is a band after removal, n its noise, and r the error of the removal: glint that is left, or removed in excess. The
 variance v grows with the removed glint g. It is measured on the scene: pixels are grouped by g, and v is the variance
-about a median of 5 x 5 pixels in a group, minus that of the group with the least glint. Variation where no glint was
-removed (noise of any correlation, and texture) is thus not counted as glint, and a pixel from which nothing was removed
-keeps its value to the bit. The mean and the variance of the water around are weighted by precision, over a window about
-twice as wide as a clump of glint (for constant v this is the filter of Lee 1980). Where the water varies more than its
-noise explains - an edge, an object - :math:`\tau^2` is large, and the pixel is hardly changed.
+about a median of 5 x 5 pixels in a group, minus the same variance in the group with the least glint. Variation where no
+glint was removed (noise of any correlation, and texture) is thus not counted as glint, and a pixel from which nothing
+was removed keeps its value to the bit. The mean :math:`\mu` and the variance :math:`\tau^2` of the water are estimated
+from a window about twice as wide as a clump of glint, with pixels weighted by precision (for constant v this is the
+filter of Lee 1980). At an edge or an object, :math:`\tau^2` is large, and the pixel is hardly changed.
 
 Fails where strong glint covers all of a window: its mean then has the error of the removal. Objects narrower than a
 clump under strong glint are lost; their standard error is then large. Costs three box filters per band.
@@ -36,39 +36,39 @@ from .state import FEWEST, Float32, Sample, Setting, State, full_scale
 GLINT_QUANTILES = (*np.linspace(0.0, 0.95, 20), 0.97, 0.985, 0.993, 0.998, 1.0)
 """Quantiles of the removed glint that bound the groups of pixels: most glint is in the last few."""
 CLUMP_REACH = 0.9
-"""Half of the window's side, in widths of a clump: glint is uncorrelated there. Results change by less than 5 % from .6
-to 1.6."""
+"""Half of the window's side, in widths of a clump: glint is uncorrelated at this distance. Values of 0.6 to 1.6 change
+the results by less than 5 %."""
 NARROWEST_CLUMP = 3  # lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain
 WAVES_RESOLVED, RESOLVED, STRONG_QUANTILE = 5.0, 3.0, 0.993
-"""Pixels above this quantile have strong glint. At pixels of 5 m and more, an image is changed only if they vary by a
-factor of 3 more than water with little glint, in the mean over bands: the factor is 1.1 to 2.7 at 10 m, from texture
-that grows with the waves. Smaller pixels hold parts of a wave, and glint of few facets, which varies within waves."""
+"""Pixels of at least `WAVES_RESOLVED` [m] hold whole waves: their texture grows with the waves. There an image changes
+only if pixels with strong glint (above `STRONG_QUANTILE`) have more than `RESOLVED` times the standard deviation of
+pixels with little glint, in the mean over bands. Texture alone gives a ratio of 1.1 to 2.7 at 10 m."""
 WIDEST_CLUMP = 32  # largest lag of the autocorrelation of glint [pixel]
 TABLE_ENTRIES = 2048
-"""Entries of the lookup table of variances, at squares of even steps: direct interpolation is ten times slower."""
+"""Entries of the lookup table of variances, denser for little glint: direct interpolation is ten times slower."""
 LEAST_VARIANCE = np.float32(0.01)
-"""Lower limit of the variance of the water, relative to that of noise: a tenth of the standard deviation of noise."""
+"""Lower limit of the variance of the water, relative to the variance of noise."""
 UNKNOWN = np.float32(1e6)
-"""Variance of left-over glint, relative to that of noise, in pixels without information on the water: saturated ones,
-and for the posterior mean those that are zero or negative in a corrected band."""
+"""Variance of left-over glint, relative to the variance of noise, in pixels without information on the water: saturated
+pixels, and for the posterior mean also pixels that are zero or negative in a corrected band."""
 
 
 @dataclass(frozen=True)
 class LeftOver:
     """Variance of the glint that the removal left in one band.
 
-    The variance is linear between the given amounts of removed glint, and proportional to the square of the glint above
-    the last.
+    The variance is interpolated linearly between the amounts in `glint`. For more glint than the last amount, it grows
+    with the square of the removed glint.
     """
 
     band: int  # 0-based
     sigma: float  # standard deviation of noise [unit of the band]
     glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
-    variance: tuple[float, ...]  # at these amounts
-    ratio: float = 0.0  # standard deviation under strong glint over that of water with little glint
+    variance: tuple[float, ...]  # at these amounts [unit of the band squared]
+    ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
 
     def of(self, glint: Float32) -> Float32:
-        """Variance for the glint removed from each pixel (row, column)."""
+        """Variance of the glint that is left in each pixel; `glint` is the removed glint. Both are (row, column)."""
         if not any(self.variance):
             return np.zeros_like(glint)
         part = glint * np.float32(1 / self.glint[-1])
@@ -101,6 +101,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
 
 
 def _taken(state: State) -> Float32:
+    """Glint that the removal subtracted, (band, row, column); InputError without a removal."""
     if state.removed is None:
         raise InputError("the posterior mean needs the glint that removal took: put the stage after remove.")
     return state.removed
@@ -110,14 +111,15 @@ def _taken(state: State) -> Float32:
 class Posterior:
     """The stage `posterior`.
 
-    It is `resolved` if what glint leaves cannot be texture of the water; else only `State.variance` is set.
+    The image is changed if it is `resolved`. Otherwise variation under glint may be texture of the water, and only
+    `State.variance` is set.
     """
 
     name: ClassVar[str] = "posterior"
-    width: int  # of a clump of glint [pixel]
+    width: int  # width of a clump of glint [pixel]
     left: tuple[LeftOver, ...]  # one for each band that the removal corrected
-    saturation: tuple[float, ...]  # value from which each band of the scene is saturated
-    resolved: bool = True
+    saturation: tuple[float, ...]  # value from which each band of the scene is saturated; infinity if not known
+    resolved: bool = True  # variation under glint is glint that is left (see `RESOLVED`)
 
     @property
     def side(self) -> int:
@@ -130,7 +132,7 @@ class Posterior:
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """Replace the image by the posterior mean, and set the variance of its error."""
+        """Replace the image by the posterior mean if `resolved`, and set the variance of its error."""
         taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
@@ -150,23 +152,23 @@ class Posterior:
 
 
 def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[Float32, Float32]:
-    """Posterior mean of the water with its noise, and the variance of its error.
+    """Posterior mean of the water in a band, noise included, and the variance of its error.
 
     Parameters
     ----------
     x : (row, column) float32 ndarray
         A band after removal.
     v : (row, column) float32 ndarray
-        Variance of left-over glint.
+        Variance of left-over glint in each pixel [unit of `x` squared].
     s2 : float32
-        Variance of noise.
+        Variance of noise [unit of `x` squared].
     side : int
         Side of the window for the mean of the water [pixel].
 
     Returns
     -------
     mean : (row, column) float32 ndarray
-        `x` to the bit where `v` is 0.
+        Equal to `x`, to the bit, where `v` is 0.
     variance : (row, column) float32 ndarray
         Variance of the error, noise included.
     """
@@ -190,7 +192,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Measure the glint that the removal left in a sample after removal.
+    """Fit the stage: measure in a sample after removal the glint that is left.
 
     `number` is the width of a clump of glint [pixel]; by default it is measured in the first NIR band.
     """
@@ -203,7 +205,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 
 def clump_width(sample: Sample, band: int) -> int:
-    """Width of a clump of glint [pixel]: twice the lag at which its autocorrelation falls below one half."""
+    """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation falls to 1/2."""
     import cv2
     import scipy.fft
 

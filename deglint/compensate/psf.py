@@ -11,12 +11,12 @@ from ..physics.sensor import Sensor, SensorBand, cutoff
 from ..physics.sensor import psf as sample_psf
 
 MOST_TRUNCATED = 0.03
-"""Share of the light that may fall outside the kernel: less than the effect of an error of 5 % in the f-number."""
+"""Largest share of the light outside the kernel: it has less effect than an error of 5 % in the f-number."""
 MAX_RADIUS = 10  # largest radius of a kernel [pixel]: the light outside decreases as 1 / radius, while the cost grows
 
 TYPICAL = 6.0, 8e-6
-"""f-number and detector pitch [m] of typical optics: the diffraction cutoff is twice the sampling frequency in the red.
-Cameras of satellites, aircraft and drones have between one and two times."""
+"""f-number and detector pitch [m] of typical optics. The diffraction cutoff in the red is twice the sampling frequency;
+in cameras of satellites, aircraft and drones it is one to two times the sampling frequency."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,13 @@ class PSF:
 
     @property
     def radius(self) -> int:
-        """Reach of the kernel [pixel]."""
+        """Pixels from the centre of the kernel to its edge."""
         return len(self.kernel) // 2
 
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
-        """Separable factors (down, across) of the best approximation of the kernel of a rank.
+        """Pairs of vectors (down, across), whose outer products add up to the best approximation of the kernel.
 
-        The sum of their outer products is scaled to a total of 1.
+        There are `rank` pairs, or fewer for a small kernel. The approximation is scaled to a sum of 1.
         """
         left, values, right = np.linalg.svd(self.kernel)
         pairs = [(left[:, i] * values[i], right[i]) for i in range(min(rank, len(values)))]
@@ -63,9 +63,9 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     wavelength : float
         Centre of the band [nm].
     f_number : float
-        Focal length over aperture.
+        Focal length divided by the diameter of the aperture.
     pitch : float
-        Of the detector [m].
+        Distance between the centres of neighbouring detector elements [m].
     smear : float
         Motion during the exposure, along the columns of the image [pixel].
 
@@ -77,12 +77,12 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     Raises
     ------
     InputError
-        A number outside the range of the model of the optics.
+        A number is outside the range of the model of the optics.
 
     Notes
     -----
-    Assumes perfect optics with a round, unobstructed aperture, in focus, and one wavelength for the band. The light
-    outside radius R decreases as ``2 Q / (pi**2 R)``, Q = wavelength f# / pitch, so that some is always outside.
+    Assumes perfect optics with a round, unobstructed aperture, in focus, and one wavelength for the band. The share of
+    the light outside radius R [pixel] is about ``2 Q / (pi**2 R)`` with Q = wavelength * f_number / pitch.
 
     References
     ----------
@@ -104,20 +104,22 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
 
 
 def typical_psf(wavelength: float) -> PSF:
-    """PSF of a band [nm] for unknown optics: rather too narrow than too wide, as a wide PSF causes ringing.
+    """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
 
-    On seven simulated seas of f/10 and f/30, the error after sharpening with it is 13 % larger than with the true PSF;
-    without sharpening it is 39 % larger. Fails for optics that are sharper by a third or more (see `richardson_lucy`).
+    It is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`): for optics that are sharper by a
+    third or more. On seven seas simulated with f/10 and f/30, the error after sharpening with it is 13 % larger than
+    with the true PSF; without sharpening the error is 39 % larger.
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])
 
 
 @lru_cache(maxsize=64)
 def _sampled(wavelength: float, f_number: float, pitch: float, smear: float) -> PSF:
+    """The PSF that `system_psf` returns; kept for the next bands with the same optics."""
     band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
     sensor = Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear)
     blur = 1 / cutoff(sensor, wavelength)  # Q: 1 where diffraction ends at the sampling frequency
-    side = 2 * min(64 * int(np.ceil(blur)), 256) + 1  # the light beyond comes in on the other side: next to none
+    side = 2 * min(64 * int(np.ceil(blur)), 256) + 1  # light from beyond wraps around; it is negligible
     oversample = int(np.clip(np.ceil(2 / blur), 2, 64))
     wide = np.maximum(sample_psf(sensor, wavelength, size=side, oversample=oversample), 0.0)
     for radius in range(1, MAX_RADIUS + 1):

@@ -11,7 +11,7 @@ from .state import Float32, Mask, Sample, Setting, State
 
 @dataclass(frozen=True)
 class ReplaceLevel:
-    """Replace glint by the background of the same band; nothing is assumed of the spectrum."""
+    """The stage `replace-level`: replace glint by the background of the same band, for any spectrum of the water."""
 
     name: ClassVar[str] = "replace-level"
     halo: ClassVar[int] = 0
@@ -25,10 +25,10 @@ class ReplaceLevel:
 
 @dataclass(frozen=True)
 class ReplaceBands:
-    """Replace glint by the value of the spectrally nearest band without glint, in units of water.
+    """The stage `replace-bands`: replace glint by the value of the spectrally nearest band without glint.
 
-    The texture of the pixel is kept. The contrast with water is assumed to be the same in both bands: glint below the
-    threshold is copied too, and coloured objects change.
+    Values are relative to deep water (stage `normalise`), and the contrast with it is assumed to be the same in both
+    bands. The texture of the image is kept. Glint below the threshold is copied, too, and coloured objects change.
     """
 
     name: ClassVar[str] = "replace-bands"
@@ -44,13 +44,15 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """A state with new values in some pixels, which count as replaced."""
+    """The state with `values` in the pixels `where` (band, row, column), marked as replaced, and with `changes`."""
     replaced = where if state.replaced is None else state.replaced | where
     return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
-    """Values of the spectrally nearest band without glint, (band, row, column), and a mask of where there is one."""
+    """The image with glint replaced from the nearest band without glint, as in `ReplaceBands.order`; and the mask of
+    replaced values. All arrays are (band, row, column). A pixel with glint in every band keeps its values.
+    """
     values, todo = image.copy(), glint.copy()
     for band, others in enumerate(order):
         for other in others:

@@ -10,13 +10,13 @@ from .psf import PSF
 from .state import Float32, Sample, Setting, State
 
 ITERATIONS = 2
-"""Richardson-Lucy iterations: 1 leaves 8 % more error at 9 m/s; 3 cause dark rings beside sparkle, which openings
-enlarge."""
-FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algorithm needs positive values (see Notes)
+"""Default number of iterations. 1 leaves 8 % more error at a wind of 9 m/s; 3 cause dark rings beside sparkle, which
+openings enlarge."""
+FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algorithm needs positive values
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """A band convolved with the largest separable factors of a PSF; with only one, errors are 5 % larger."""
+    """A band (row, column) convolved with a PSF: `rank` separable kernels are added; with 1, errors are 5 % larger."""
     import cv2
 
     parts = [
@@ -42,15 +42,16 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
         h, symmetric.
     iterations : int
     floor : float
-        Lower limit of y and of its prediction, positive.
+        Lower limit of y and of its prediction ``h * u``, positive.
 
     Returns
     -------
     (row, column) float32 ndarray
+        u after the last iteration.
 
     Notes
     -----
-    A PSF that is wider than that of the image causes ringing. A few iterations concentrate the light of sparkle in
+    A PSF that is wider than the PSF of the image causes ringing. A few iterations concentrate the light of sparkle in
     fewer pixels and hardly amplify the noise.
 
     References
@@ -72,22 +73,22 @@ class Sharpen:
     """The stage `psf`: deconvolved bands, from which the background is determined; the image itself is not changed."""
 
     name: ClassVar[str] = "psf"
-    psfs: tuple[PSF, ...]  # of each band
+    psfs: tuple[PSF, ...]  # PSF of each band
     iterations: int
     floors: tuple[float, ...]  # lower limit of the values of each band
 
     @property
     def halo(self) -> int:
-        """Reach of the iterations [pixel]."""
+        """Pixels around a block that the iterations need."""
         return 2 * self.iterations * max(p.radius for p in self.psfs)
 
     def sharp(self, state: State) -> Float32:
-        """All bands, deconvolved."""
+        """All bands after deconvolution, (band, row, column)."""
         parts = zip(state.image, self.psfs, self.floors, strict=True)
         return np.stack([richardson_lucy(b, p, self.iterations, f) for b, p, f in parts])
 
     def apply(self, state: State) -> State:
-        """Deconvolve every band, and keep the image."""
+        """Store the deconvolved bands in `State.sharp`; the image is not changed."""
         return replace(state, sharp=self.sharp(state), psfs=self.psfs)
 
 
@@ -103,7 +104,7 @@ class SharpenImage(Sharpen):
 
 
 def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """A stage of this kind for the PSFs of a scene; `number` is the number of iterations.
+    """Make a stage of class `kind` with the PSFs of a scene; `number` is the number of iterations, 2 by default.
 
     Raises InputError: the PSFs are not known.
     """

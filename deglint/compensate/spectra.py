@@ -1,7 +1,7 @@
-"""Spectra of targets on the sea: paint with spectral edges, grey objects under some metres of water; and normal models
-of them.
+"""Spectra of targets on the sea, and normal distributions of them (models).
 
-Measured spectra are not needed: eight bands do not resolve their details.
+Targets are painted (their spectra have edges), or grey and under 0 to 5 m of water. Measured spectra are not needed:
+eight bands do not resolve their details.
 """
 
 from collections.abc import Sequence
@@ -13,19 +13,22 @@ from ..moments import Float64
 from .state import Float32
 
 Model = tuple[Float32, Float32, Float32]
+"""For one brightness: quadratic forms (spectrum, pair of bands), constants of the log density (spectrum, 1), and
+matrices (spectrum, band, band) that give the contrast of a target from the excess."""
 
 TARGET_DEPTHS = 0.0, 1.5, 5.0
 """Depths of grey targets [m]: at the surface, a swimmer, and where the red is nearly absorbed."""
 RISES, FALLS = (470, 500, 530, 560, 590, 605, 620, 650, 690, 720, 750), (470, 490, 510, 530, 560, 590, 620)
 DYES = tuple((fall, rise) for fall in (490, 510, 540, 580) for rise in (690, 730))
 GREENS = (450, 510), (480, 530), (500, 560), (510, 590)
-"""Wavelengths of the edges of paint [nm], as far apart as eight bands resolve: yellow to red; blue to cyan; dark
-between two edges (dyes that are transparent in the NIR); bright between two edges."""
+"""Wavelengths of the edges of paint [nm], as far apart as eight bands resolve. `RISES`: dark below the edge (yellow to
+red). `FALLS`: dark above it (blue to cyan). `DYES`: dark between two edges (dyes that are transparent in the NIR).
+`GREENS`: bright between two edges."""
 EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
-"""Width of edges, standard deviation of their wavelength [nm], and relative reflectance of paint beyond them."""
+"""Width of an edge [nm], standard deviation of its wavelength [nm], reflectance of the dark over the bright side."""
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
-"""Standard deviations of the linear and the quadratic part of a grey spectrum over 250 nm (paint: half of them), and of
-the non-smooth part, relative to the brightness."""
+"""Standard deviations relative to the brightness: linear and quadratic part of a grey spectrum over 250 nm (for paint,
+half of these), and the part that is not smooth."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 
@@ -36,12 +39,12 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
     Returns
     -------
     values : (spectrum, band) ndarray
-        Reflectance over that of the brightest band.
+        Reflectance divided by the reflectance of the brightest band.
     factors : (spectrum, 5, band) ndarray
         Change of the spectrum by one standard deviation of brightness, slope, curvature and the wavelengths of two
         edges.
     weight : (spectrum,) ndarray
-        Prior probability: half of the targets are grey, at one of `TARGET_DEPTHS`; half have one of the colours.
+        Prior probability of each spectrum: half of the targets are grey, half are painted.
     """
     from ..physics.iops import case1
 
@@ -72,7 +75,10 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """Normal models of targets of brightness 2**n: quadratic forms, constants and regression matrices."""
+    """Model of targets for each brightness 2**n, n = 0 to 16, in the unit `Targets.light`.
+
+    One number for each band: `wavelengths`, full `widths` [nm], radiance of `water` and noise `s`, both over `light`.
+    """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
     for A in 2.0 ** np.arange(17):  # 16-bit data hold no more

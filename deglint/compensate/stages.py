@@ -23,12 +23,12 @@ Stage = Any
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage."""
+    """Definition of a stage: an entry of `STAGES`."""
 
-    help: str  # one line
-    fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # with the stage's number; None for `remove`
-    stage: type | None = None  # type that `fit` returns
-    low: float = 0.0  # least number
+    help: str  # description in one line
+    fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
+    stage: type | None = None  # class of the fitted stage
+    low: float = 0.0  # least number that may be written after the name
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
     odd: bool = False  # the number must be odd
@@ -81,7 +81,7 @@ THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 
 @dataclass(frozen=True)
 class Step:
-    """One stage as written: its name and number."""
+    """One stage as written in the text form of a chain: its name and number."""
 
     name: str
     number: float | None = None
@@ -92,12 +92,12 @@ class Chain:
     """A fitted chain."""
 
     before: tuple[Stage, ...] = ()  # stages before the removal
-    after: tuple[Stage, ...] = ()  # and after it
+    after: tuple[Stage, ...] = ()  # stages after the removal
     text: str = ""  # text form of the chain
 
     @property
     def runs(self) -> bool:
-        """Whether there are any stages."""
+        """Whether there is any stage beside the removal."""
         return bool(self.before or self.after)
 
     @property
@@ -123,7 +123,7 @@ def parse(text: str) -> tuple[Step, ...]:
     Raises
     ------
     InputError
-        An unknown stage, an unexpected number, or a missing number.
+        A stage is unknown, has a wrong number, or comes without the stages that it needs.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Check that each stage comes after the stages whose results it needs."""
+    """Check that each stage comes after the stages whose results it needs. Raises InputError: one does not."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]
@@ -191,8 +191,8 @@ def apply_stages(state: State, stages: Sequence[Stage]) -> State:
 
 
 def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
-    """Fit each stage but `remove` to the sample as processed by the stages before it; also returns the sample after
-    them.
+    """Fit each stage to the sample after the stages before it; return the fitted stages, and the sample after them.
+    `steps` do not contain "remove".
 
     Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
     """
@@ -206,7 +206,7 @@ def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple
 
 
 def plain(stage: Stage) -> dict[str, Any]:
-    """A stage as plain values (JSON); PSFs are given as kernels."""
+    """A fitted stage as plain values (JSON); each PSF is given as its kernel."""
     values = asdict(stage)
     if "psfs" in values:
         values["psfs"] = [p["kernel"].tolist() for p in values.pop("psfs")]
@@ -238,6 +238,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _tuples(value: Any) -> Any:
+    """The value with every list in it replaced by a tuple."""
     if isinstance(value, dict):
         return {k: _tuples(v) for k, v in value.items()}
     return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

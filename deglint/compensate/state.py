@@ -24,22 +24,22 @@ class State:
     """A block of a scene during a compensation, arrays (band, row, column); stages never modify its arrays."""
 
     raw: Float32  # the block as read; finite everywhere
-    image: Float32  # after the stages so far; finite everywhere
+    image: Float32  # the block after the stages so far; finite everywhere
     water: Mask  # (row, column), valid water; other pixels have the values of the nearest water
     sharp: Float32 | None = None  # the image after deconvolution, from which the background is determined
-    psfs: tuple[PSF, ...] | None = None  # of the deconvolution
+    psfs: tuple[PSF, ...] | None = None  # PSF of each band, as used for the deconvolution
     unit: Float32 | None = None  # (band,) divisor of the normalised image; None if it is not normalised
     background: Float32 | None = None  # the bands without glint, as estimated
     glint: Mask | None = None  # glint pixels that are not replaced yet
     replaced: Mask | None = None  # pixels that were replaced
     targets: Float32 | None = None  # contrast of small bright targets with the water, which is restored at the end
     removed: Float32 | None = None  # glint that the removal subtracted
-    variance: Float32 | None = None  # posterior variance of the water
-    origin: tuple[int, int] = (0, 0)  # row and column in the scene of the first pixel
+    variance: Float32 | None = None  # variance of the error of `image` [unit of the image squared]
+    origin: tuple[int, int] = (0, 0)  # row and column of the block's first pixel in the scene
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
-        """Initial state of a block; pixels that are not valid water take the value of the nearest that is."""
+        """Initial state of a block (band, row, column); pixels that are not valid water are filled (see `filled`)."""
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
         with np.errstate(over="ignore"):
@@ -62,7 +62,7 @@ def in_scene_units(state: State) -> State:
 
 
 def filled(block: Float32, water: Mask) -> Float32:
-    """The block with every other pixel set to the values of the nearest water pixel; zeros where there is no water."""
+    """The block with each pixel that is not water set to the values of the nearest water pixel; 0 if there is none."""
     import cv2
 
     if water.all():
@@ -79,9 +79,9 @@ def filled(block: Float32, water: Mask) -> Float32:
 class Setting:
     """Properties of the scene that fitting a chain needs."""
 
-    bands: tuple[Band, ...]  # of the scene
+    bands: tuple[Band, ...]  # all bands of the scene
     nir: tuple[int, ...]  # 0-based bands that show glint but no signal of the water
-    psfs: tuple[PSF, ...] | None = None  # of the bands, where the optics are known
+    psfs: tuple[PSF, ...] | None = None  # PSF of each band; None if not known
     pixel: float = np.inf  # side of a pixel on the ground [m], infinite where not known
 
     @cached_property
@@ -97,7 +97,7 @@ class Setting:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Bands in order of time; of wavelength, or of position in the file, where times are not known."""
+        """0-based bands in order of time; if times are not known, in order of wavelength, else of the file."""
         by = self.wavelengths if self.offsets is None else self.offsets
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 
@@ -108,7 +108,9 @@ class Setting:
 
     @cached_property
     def colour(self) -> Float32:
-        """Relative radiance of glint in each band: that of the sun, or 1 where wavelengths are not known."""
+        """Relative radiance of glint in each band: the direct irradiance of the sun [W m-2 nm-1]. All are 1 if one
+        wavelength is not known, or not between 300 and 1000 nm.
+        """
         from ..physics.atmosphere import irradiance
 
         known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
@@ -125,7 +127,7 @@ class Sample:
     inside: tuple[Mask, ...]
 
     def values(self, planes: Sequence[Float32]) -> Float32:
-        """Values of the sample's pixels, from one plane of each block."""
+        """Values of the sample's pixels, (pixel,), from one array (row, column) for each block; FitError if too few."""
         found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
         if found.size < FEWEST:
             raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")
@@ -134,14 +136,14 @@ class Sample:
 
 FEWEST = 64  # fewest pixels for a level and a standard deviation
 NEARLY, PILED, STEPS = 0.99, 3, 1000
-"""A band is saturated at its highest value if at least 3 pixels, and half of those within a percent of it, have exactly
-that value. In images of fewer than 1000 steps pixels have equal values by chance."""
+"""A band is saturated at its highest value if at least 3 pixels, and half of the pixels within a percent of it, have
+exactly that value. In images of fewer than 1000 steps pixels have equal values by chance."""
 ROUNDED = 0.999  # share of the saturation value from which pixels count as saturated: values are rounded
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
-    """Value from which each band of the scene is saturated, as declared, or where values pile up; infinity where not
-    known.
+    """Value from which each band of the scene is saturated, (band,): the lower one of the declared value and the value
+    that many pixels have (see `NEARLY`), times `ROUNDED`; infinity if neither is known.
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

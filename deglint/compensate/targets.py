@@ -37,66 +37,64 @@ Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
 
 RATE, TOGETHER = 1e-5, 2.8
-"""Default false-alarm rate; and the factor by which S is counted repeatedly, as the blurred light of a facet covers
-three pixels. Independent pixels of sparkle reach ln(1 / rate) with a probability of at most `rate`."""
+"""`RATE`: default false-alarm rate. A pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
+`TOGETHER`: factor for the sum over 3 x 3 pixels, as the blurred light of one facet raises S in about three pixels."""
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
-"""One in ten pixels that sparkle lights in all bands has the spectrum of a target; one flash lights about four pixels
-within 3 x 3."""
+"""Of the pixels that are bright by sparkle in all bands, one in ten has the spectrum of a target. One flash makes about
+four of 3 x 3 pixels bright."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
-"""Least time between the first and the last band [s], in which ripples change; fewest bands: three always fit the three
+"""Least time between the first and the last band [s]: ripples change in it. Fewest bands: three always fit the three
 parameters of a smooth spectrum."""
 LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LASTING = 0.2
-"""Share of faintly lit pixels that keep their brightness in all bands, above which sparkle lasts too long to differ
-from targets: .30 for 20 ms between bands and pixels of 0.9 m, up to .09 where the test works. Targets are brighter."""
-COMMON = 0.1  # share of the water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
+"""Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
+targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
+COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
-"""Displacement of later bands in the simulation of false alarms [pixel]: more than a clump of glint, oblique to the
-waves."""
+"""Rows and columns by which later bands are displaced to simulate false alarms [pixel]: more than a clump of glint,
+oblique to the waves."""
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
-"""Standard deviations of noise above which a pixel is lit in a band (one pixel of water in 700); fewest bands in which
-a target is lit; least S of a target's pixel (odds of 7 to 1)."""
+"""`EXCEEDS`: standard deviations of noise above which a pixel is lit (bright) in a band (one pixel of water in 700).
+`FEWEST_LIT`: fewest bands in which a target is lit. `LONE`: least S of a pixel of a target (odds of 7 to 1)."""
 SAME_PEAK, OUTLINE_REACH = 0.7, 2
-"""A common peak: each band has at least 0.7 of its maximum over 3 x 3 pixels, to allow for noise and blur. The edge of
-a target, blurred or hidden by sparkle in one band, extends over two pixels."""
+"""`SAME_PEAK`: in a common peak, each band has at least 0.7 of its maximum over 3 x 3 pixels (not 1: noise and blur).
+`OUTLINE_REACH`: the edge of a target, blurred or hidden by sparkle in one band, extends over two pixels."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
 blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
 DARK_FROM = 700.0  # wavelength from which water is dark, so that bands show mainly sparkle [nm]
 EXCESS_BINS, LOW = 40, -3.0
-"""Bins of the histograms of asinh(excess / noise), each a factor of 1.3 as noise and blur vary steady light; and their
-lower end, -10 times the noise."""
+"""Number of bins of the histograms of asinh(excess / noise), and their lower end (an excess of -10 times the noise). A
+bin spans a factor of about 1.3, by which noise and blur vary a steady light."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """The stage `targets`: find small bright targets, to be restored after the removal."""
+    """The stage `targets`: find small bright targets, whose contrast is restored after the removal."""
 
     name: ClassVar[str] = "targets"
     bands: Sequence[int] = ()  # 0-based bands that are used, in order of time
-    wavelengths: Sequence[float] = ()  # of these [nm]
-    widths: Sequence[float] = ()  # full widths [nm]
-    light: Sequence[float] = ()  # radiance of a white target; in this unit the median band has noise of deviation 1
-    noise: Sequence[float] = ()  # standard deviation over `light`
-    water: Sequence[float] = ()  # radiance over `light`
-    full: Sequence[float] = ()  # value from which a band is saturated [unit of the image]; empty beyond `LASTS`
+    wavelengths: Sequence[float] = ()  # their centres [nm]
+    widths: Sequence[float] = ()  # their full widths [nm]
+    light: Sequence[float] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
+    noise: Sequence[float] = ()  # standard deviation of noise over `light`
+    water: Sequence[float] = ()  # radiance of water over `light`
+    full: Sequence[float] = ()  # value from which a band is saturated; empty if the bands span more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
     first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
-    following: Sequence[Sequence[float]] = field(default=(), repr=False)  # of each bin given the bin in the band before
-    threshold: float = 0.0  # on the sum over 3 x 3 pixels
+    following: Sequence[Sequence[float]] = field(default=(), repr=False)  # of each bin, given the band before
+    threshold: float = 0.0  # least score of 3 x 3 pixels (see `Excess.scores`) of a target
     reason: str = ""  # why there is no test, else empty
 
     @property
     def halo(self) -> int:
-        """Pixels around a block: local mean, peaks and their neighbours, saturated ones, surroundings, two sums,
-        outline, reach.
-        """
+        """Pixels around a block that the stage needs: the sum of the reaches of its steps, in their order."""
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Find targets; where no background was determined, they are also subtracted from the image."""
+        """Find targets and their contrast; if no stage before gave a background, also subtract it from the image."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -109,31 +107,32 @@ class Targets:
 
     @property
     def models(self) -> list[Model]:
-        """Normal models of targets, by brightness."""
+        """Models of targets for each brightness (see `spectra.models`)."""
         return models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
     @cached_property
     def _steps(self) -> Float32:
+        """`following` as an array (table, bin in the band before, bin)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
     def lit(self) -> int:
-        """Histogram bin above which a pixel is lit."""
+        """Index of the histogram bin above which a pixel is lit in a band (see `EXCEEDS`)."""
         return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
 
     def binned(self, e: Float32) -> Places:
-        """Histogram bins of excesses."""
+        """Index of the histogram bin of each excess; `e` and result: (band, pixel)."""
         return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
 
     def sparkle(self, e: Float32) -> Float32:
-        """Log likelihood of pixels under the model of sparkle; e : (band, pixel)."""
+        """Log likelihood of pixels under the model of sparkle, (pixel,); `e`: excess (band, pixel) [`light`]."""
         q = self.binned(e)
         chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
         each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
     def score(self, e: Float32) -> tuple[Float32, Places, Places]:
-        """S of pixels, the spectrum with the largest likelihood, and its brightness [power of 2]; e : (band, pixel)."""
+        """S, index of the most likely spectrum and `brightness`, each (pixel,), of excesses `e` (band, pixel)."""
         best, kind, level = -self.sparkle(e), np.empty(e.shape[1], np.intp), brightness(e)
         row, column = np.triu_indices(len(e))
         for n in np.unique(level):
@@ -145,7 +144,7 @@ class Targets:
         return best, kind, level
 
     def explained(self, e: Float32, kind: Kinds) -> Float32:
-        """Contrast that a target of this spectrum adds, by regression on the excess, not negative; (band, pixel)."""
+        """Contrast (band, pixel) of targets with the spectra `kind` (pixel,): regression on excess `e`, at least 0."""
         out, level = np.empty_like(e), brightness(e)
         for n in np.unique(level):
             i = np.flatnonzero(level == n)
@@ -154,25 +153,22 @@ class Targets:
 
 
 def brightness(e: Float32) -> Places:
-    """Power of 2 nearest to the brightest band."""
+    """Exponent, 0 to 16, of the power of 2 nearest to the largest excess, (pixel,); `e`: excess (band, pixel)."""
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """Excess over the background in a block; planes in order of time.
-
-    `afloat`: a target must be lit in a dark band; without a preceding opening, objects under water need no restoring.
-    """
+    """A block and its background, and tests of the excess of one over the other; bands in order of time."""
 
     stage: Targets
-    raw: list[Float32]
-    below: list[Float32]
-    afloat: bool = False
+    raw: list[Float32]  # the block, (row, column) for each band
+    below: list[Float32]  # its background
+    afloat: bool = False  # a target must be lit in a dark band: without an opening, objects under water are not removed
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Excess over the background, or over the local mean if there is no background."""
+        """From a block (band, row, column) and its background; the local mean is used if there is none."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -181,12 +177,14 @@ class Excess:
         return cls(stage, planes, [background[b] for b in stage.bands])
 
     def at(self, places: Places) -> Float32:
-        """Excess of pixels relative to the light of a white target, (band, pixel)."""
+        """Excess over `light` at the flat indices `places` of pixels, (band, pixel)."""
         lit = zip(self.raw, self.below, self.stage.light, strict=True)
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
-        """Possible peaks of targets: lit and near the maximum of 3 x 3 pixels in three bands, not all early or late."""
+        """Mask (row, column) of possible peaks of targets: pixels that are lit and near the maximum of 3 x 3 pixels in
+        at least three bands, of both the earlier and the later half of the bands.
+        """
         import cv2
 
         count, square = np.zeros((2, *self.raw[0].shape), np.uint8), np.ones((3, 3), np.uint8)
@@ -198,8 +196,8 @@ class Excess:
         return np.asarray((count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT))
 
     def saturated(self) -> Mask:
-        """Pixels beside any that is saturated in some band, where the bands are taken within `LASTS`. They are not
-        tested: clipped peaks of sparkle have the spectrum of white paint then.
+        """Mask (row, column) of pixels saturated in a band, and of their neighbours (3 x 3). They are not tested for
+        targets, as clipped sparkle has the spectrum of white paint. Empty if the bands span more than `LASTS`.
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
@@ -207,7 +205,10 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S from `LONE` on (else 0), the score of 3 x 3 pixels, and the best spectrum: at peaks and around them."""
+        """S (0 up to `LONE`), score of 3 x 3 pixels (sum of S, plus `outline`) and index of the most likely spectrum.
+
+        Each is (row, column), and is computed at peaks and around them only.
+        """
         import cv2
 
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
@@ -235,11 +236,11 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio from the share of the power of 3 x 3 pixels that is not the product of one outline and
-        one spectrum.
+        """Log likelihood ratio of target and sparkle around some pixels, by whether all bands have the same outline.
 
-        This residual is modelled as B - 1 normal variables with the variance of noise and blur for a target, `VARIED`
-        for sparkle. The worst band of each pixel is excluded, because sparkle beside a target affects single bands.
+        The residual is the share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum.
+        It is modelled as B - 1 normal variables: for a target with the variance of noise and blur, for sparkle with
+        `VARIED`. The worst band of each pixel is excluded, because sparkle beside a target affects single bands.
         """
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
@@ -256,7 +257,9 @@ class Excess:
         return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Pixels of targets, and the contrast to restore (band, pixel); beside them what all bands but one show."""
+        """Flat indices of pixels, and the contrast to restore there, (band, pixel). Beside targets (`OUTLINE_REACH`) it
+        is the target's spectrum times the second lowest ratio, 0 to 1, of a band's excess to this spectrum.
+        """
         import cv2
 
         on = grown(self.stage.threshold < T, 3) & (S > 0)
@@ -279,15 +282,11 @@ class Excess:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
-    """Fit histograms of sparkle and a threshold to a scene.
+    """Fit the stage to a scene: histograms of sparkle and the detection threshold.
 
-    Parameters
-    ----------
-    sample : Sample
-        After the preceding stages; a background is optional.
-    setting : Setting
-    number : float, optional
-        False-alarm rate, `RATE` by default.
+    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. `sample` is
+    the sample after the preceding stages; without a background, the local mean is used. `number` is the false-alarm
+    rate for pixels of sparkle, `RATE` by default.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not np.isfinite(t).all() or np.ptp(t) < LEAST_DELAY:
@@ -312,7 +311,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     if (lasts := lasting_share(q, stage)) > LASTING:
         return Targets(reason=f"{lasts:.0%} of the sparkle lasts in all bands: nothing distinguishes targets from it")
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
-    for plane in bins:  # later bands moved aside: what is steady then is so by chance
+    for plane in bins:  # with later bands displaced, brightness stays the same by chance only
         plane[later:] = np.roll(plane[later:], DISPLACEMENTS, (1, 2))
     lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(pixels(), stage)[-1].mean())
     rate = RATE if number is None else number
@@ -327,7 +326,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """Bands in order of time, with their light, noise and water."""
+    """A stage with `bands` as in `order` (by time), and `wavelengths`, `widths`, `light`, `noise` and `water`."""
     from ..physics.atmosphere import irradiance
 
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
@@ -344,7 +343,10 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
-    """Transition probabilities of sparkle's bins q (band, pixel), from pairs of dark bands with the nearest delay."""
+    """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
+
+    `t`: time of each band [s]. A transition between bands is counted in the pairs of dark bands with the nearest delay.
+    """
     import cv2
 
     dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
@@ -368,21 +370,23 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of the pixels that are lit in the first band, though less than half of them, and steady in all bands."""
+    """Share of `steady` pixels (all bands) among the fainter half of the pixels that are lit in the first band."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Pixels that are lit and keep their histogram bin for 1, 2, ... steps after the first band: (step, pixel)."""
+    """Mask (step, pixel) of pixels that are lit and within one histogram bin of the band before, up to each step."""
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 
 
 def extrapolated(runs: Float64) -> float:
-    """Share of the pixels that sparkle lights in all bands, extrapolated from shorter runs, so that targets are not
-    counted.
+    """Share of the pixels in which sparkle stays bright in all bands, without targets.
+
+    `runs` (step,): share of the pixels that stay bright for 1, 2, ... steps after the first band. For sparkle it falls
+    geometrically, down to the constant share of targets; the rest of the geometric series is returned.
 
     Examples
     --------

@@ -2,12 +2,11 @@ r"""Standard errors of a compensated image, from the scene itself.
 
 .. math:: \sigma^2 = \sigma_w^2 + (\sigma_b g / b)^2 + (b \sigma_0)^2
 
-with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the glint that removal took, and
-:math:`\sigma_0` the standard error of the level that all bands share. The variance of the water, :math:`\sigma_w^2`, is
-that of the posterior mean where that stage ran (`deglint.compensate.posterior`). Where glint was replaced by a
-background, it is the variance of the background's error, measured by a trial: the glint of the scene is added to its
-own compensated image, displaced by half a tile, and the chain is run again. Where nothing was replaced it is that of
-noise, and of the glint that the removal leaves.
+with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
+standard error of the glint-free NIR. The variance of the water, :math:`\sigma_w^2`, comes from the stage `posterior` if
+the chain has it. Where glint was replaced by a background, it is the variance of the background's error. A trial
+measures this error: the glint of the scene is displaced by half a tile and added to the compensated image, and the
+chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects narrower than the window of an opening are erased without an increase of the
@@ -32,24 +31,25 @@ from .state import FEWEST, Float32, Sample, Setting, State
 SPAN = 7  # side of the window for the local range of a background [pixel]: errors occur at edges
 
 LEAST_R2 = 0.25
-"""Share of a band's variance that glint explains, below which the rest is rather the water's: slopes at most double."""
+"""Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
+mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
 
 LEAST_BACKGROUND_VARIANCE = 0.25
-"""Lower limit of the variance of a background, relative to that of noise: it depends on a few of the darkest pixels."""
+"""Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 
 
 @dataclass(frozen=True)
 class ReplacedError:
-    """Error variance of one band [unit of the band squared], where nothing and where glint was replaced."""
+    """Error variance of one band, for pixels that were replaced and for other pixels [unit of the band squared]."""
 
     band: int  # 0-based
-    noise: float  # variance of noise
-    even: float  # error variance of a uniform background
-    relief: float  # its increase per square of the local range within `SPAN` pixels
+    noise: float  # variance of noise, for pixels that were not replaced
+    even: float  # error variance of a replaced pixel where the background is uniform
+    relief: float  # increase of `even` per square of the local range (`SPAN`) of the background [1]
 
 
 def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
-    """Measure the error of backgrounds on a sample, by a trial with known water.
+    """Measure the error of backgrounds in a sample, by a trial: displaced glint is added to known water.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
 
 
 def _trial(done: State) -> State:
-    """The compensated image with glint added that was removed from another part of it."""
+    """New state for a trial: the compensated image plus the glint that was removed half a block away."""
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
@@ -97,7 +97,7 @@ def _trial(done: State) -> State:
 
 
 def _span(band: Float32) -> Float32:
-    """Local range of a band around each pixel, without single pixels."""
+    """Maximum minus minimum in `SPAN` x `SPAN` pixels around each pixel (row, column), after a 5 x 5 median."""
     import cv2
 
     plane, window = cv2.medianBlur(band, 5), np.ones((SPAN, SPAN), np.uint8)
@@ -110,15 +110,16 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     Parameters
     ----------
     state : State
-        With `variance` of a posterior mean; or `replaced`, with `errors`.
+        The block after all stages. Its `variance` is used if a stage has set it, and its `replaced` for `errors`.
     model : GlintModel
-        Of the removal.
+        Model of the removal.
     errors : sequence of ReplacedError
+        Result of `fit_replaced`; empty if nothing is replaced by a background.
 
     Returns
     -------
     (band, row, column) float32 ndarray
-        0 for bands without an estimate.
+        [unit of the band]; 0 for bands without an estimate.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     for e in errors:
@@ -133,16 +134,16 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
 
 def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
-    """Measure on a sample what removal leaves where nothing else is done: a stage that sets the variance alone.
+    """Measure the glint left in a sample after a removal alone; returns a stage that only sets `State.variance`.
 
-    Least squares gives between rho and 1 times the slope, with rho the correlation of the band with the glint: rho
-    where all that differs is glint that moved between the bands, 1 where it is the water. All between are as likely,
-    so that the slope has a relative standard error of (1 / rho - 1) / sqrt(3).
+    Least squares gives a slope of rho to 1 times the true slope; rho is the correlation of the band with the glint. The
+    factor is rho if the rest of the band is glint that moved between the bands, and 1 if it is signal of the water. All
+    factors between are equally likely: the relative standard error of the slope is (1 / rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}
     left = []
-    for p in found.left:  # this share of the glint was taken too little or too much
+    for p in found.left:  # the error of the slope is the same share of the glint
         slope_errors = (share.get(p.band, 0.0) * g for g in p.glint)
         left.append(replace(p, variance=tuple(v + e**2 for v, e in zip(p.variance, slope_errors, strict=True))))
     return replace(found, left=tuple(left), resolved=False)

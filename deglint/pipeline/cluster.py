@@ -20,9 +20,9 @@ from ..errors import DeglintError, InputError
 from ..raster.environment import environment
 from ..tiles import Tile
 
-TILES_AHEAD = 3  # tiles per thread of a worker that are in progress, or finished and not fetched yet
-WORKER_PATIENCE = 60.0  # time after which a tile that is not done asks whether there is a worker at all [s]
-_CONNECT = 15.0
+TILES_AHEAD = 3  # tiles in progress, or finished and not fetched yet, for each thread of a worker
+WORKER_PATIENCE = 60.0  # time without a result after which the cluster is asked for its workers [s]
+_CONNECT = 15.0  # time limit of a connection to the scheduler, and of the wait for a worker [s]
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
 
@@ -38,7 +38,7 @@ class Cluster:
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Process every tile and yield (tile, result) in order, as `deglint.tiles.run` does on threads.
 
-        Raises DeglintError: an error of the work itself, no workers left, or too little memory.
+        Raises DeglintError: the work itself has failed, no worker is left, or a worker has too little memory.
         """
         import cloudpickle
 
@@ -60,6 +60,7 @@ class Cluster:
             self.client.cancel([future for _tile, future in waiting])
 
     def _result(self, future: Any) -> Any:
+        """Result of a task, when it is done; an error of the cluster is raised as DeglintError."""
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
@@ -149,7 +150,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """Turn a lost connection to the scheduler into a one-line error."""
+    """Raise a lost connection to the scheduler as DeglintError with one line."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -158,7 +159,7 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """The work function, unpickled once in each worker process."""
+    """The function that was pickled as `packed`; it is unpickled once in each worker process."""
     import cloudpickle
     import cv2
     from threadpoolctl import threadpool_limits
@@ -170,7 +171,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
 
 
 def _do(packed: bytes, tile: Tile) -> Any:
-    """Process a tile; an error is sent back without its cause, which may not be picklable."""
+    """Process a tile in a worker; an error is raised without its cause, which may not be picklable."""
     with environment():
         try:
             return _unpacked(packed)(tile)
@@ -182,7 +183,7 @@ def _do(packed: bytes, tile: Tile) -> Any:
 def _peak() -> int:
     """Peak memory of this process [byte]; 0 where not available."""
     try:
-        status = Path("/proc/self/status").read_text()  # ru_maxrss would be that of the parent, where it was larger
+        status = Path("/proc/self/status").read_text()  # ru_maxrss would include the peak of the parent process
     except OSError:
         return 0
     return next((1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM:")), 0)

@@ -1,4 +1,4 @@
-"""The correction of a scene, a function of its tiles: valid pixels, water, corrected values, flags and counts."""
+"""Correct a scene tile by tile: corrected values, flags, numbers of pixels, amounts of glint and standard errors."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -29,24 +29,24 @@ from .overview import block_of, on_threads, raster_of, tile_shape_of
 from .sample import Mask, Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
-"""Side of the cells to which a chain is applied, counted from the first pixel of the scene [pixel]. The cells do not
-depend on how the scene is stored and read, so the result is the same to the bit."""
-STRIP = 4 << 20  # values in a tile of whole cells for files stored in strips, so that few strips are read twice
+"""Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
+of the scene, however the scene is stored and read, so that the result is the same to the bit."""
+STRIP = 4 << 20  # most values in a tile of several cells, for files stored in strips: few strips are then read twice
 TILES = 8
-"""Tiles from which noise and errors are estimated: spread over the scene; few, as each is corrected twice more."""
+"""Number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more."""
 TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 
 @dataclass(eq=False)
 class Corrected:
-    """One corrected tile."""
+    """One corrected tile, as it is written to the outputs; what is not wanted is None."""
 
-    raw: npt.NDArray[Any]
+    raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
     tally: PixelCounts
-    valid: Mask | None = None
-    flags: npt.NDArray[np.uint8] | None = None
-    amount: npt.NDArray[np.float32] | None = None
-    stderr: npt.NDArray[np.float32] | None = None
+    valid: Mask | None = None  # (row, column) mask of valid pixels
+    flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint
+    amount: npt.NDArray[np.float32] | None = None  # (band, row, column), removed glint of `Correction.amount_bands`
+    stderr: npt.NDArray[np.float32] | None = None  # (band, row, column), of `Correction.changed`
 
 
 @dataclass(eq=False)
@@ -54,53 +54,53 @@ class Block:
     """A tile as read, with the halo that the correction needs, and the results so far."""
 
     tile: Tile
-    outer: Tile
-    raw: Any
-    valid: Any
-    wide: Any  # physical values, with the pixels around
-    water: Mask  # where it may be corrected, with the pixels around
-    known: Mask  # where the tile is valid
-    where: Mask  # where it is to be corrected: valid water
-    changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # bands, and where they changed
-    replaced: Mask | None = None  # (band, row, column), with a chain
-    targets: Mask | None = None
-    errors: Any = None  # (band, row, column) standard errors, with a chain
+    outer: Tile  # the tile with its halo
+    raw: Any  # (band, row, column), numbers of the file in the tile
+    valid: Any  # (band, row, column), mask of valid numbers; None if all are valid
+    wide: Any  # (band, row, column), physical values in `outer`
+    water: Mask  # (row, column), pixels of `outer` that may be corrected
+    known: Mask  # (row, column), valid pixels of the tile
+    where: Mask  # (row, column), pixels of the tile to correct: valid water
+    changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # 0-based bands, and where they changed
+    replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
+    targets: Mask | None = None  # (row, column), protected pixels
+    errors: Any = None  # (band, row, column), standard errors; computed with a chain, or if wanted
 
     @property
     def own(self) -> Any:
-        """Physical values of the tile."""
+        """Physical values of the tile without its halo, (band, row, column)."""
         return self.wide[self.tile.within(self.outer)]
 
 
 @dataclass(frozen=True)
 class Correction:
-    """The correction of a scene as a function of the tile; immutable, shared by the threads."""
+    """Function that corrects a tile of a scene; immutable, so that threads can share it."""
 
     scene: Scene
     model: GlintModel
-    layout: Layout
+    layout: Layout  # of the corrected image
     chain: Chain = field(default_factory=Chain)
-    area: Area | None = None
-    water: WaterRule | None = None
-    water_bands: tuple[int, ...] = ()
-    only: tuple[int, ...] = ()
+    area: Area | None = None  # pixels that may be corrected, if the user has given a mask
+    water: WaterRule | None = None  # else the rule that finds these pixels; None: all pixels
+    water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
+    only: tuple[int, ...] = ()  # 0-based bands that the user has selected; empty: no selection
     want_flags: bool = False
     want_amount: bool = False
-    noise: tuple[float, ...] = ()  # of the bands that may change, for the classes of sun glint
+    noise: tuple[float, ...] = ()  # of each band in `changed`, for the classes of sun glint
     want_stderr: bool = False
-    replaced: tuple[ReplacedError, ...] = ()  # errors of pixels that an opening has replaced, and of the others
-    left: Posterior | None = None  # of what a removal alone leaves
+    replaced: tuple[ReplacedError, ...] = ()  # for standard errors with an opening: one for each band
+    left: Posterior | None = None  # for standard errors of a removal without stages
 
     @property
     def changed(self) -> list[int]:
-        """0-based bands that may change: those of the removal, and those in which a chain replaces glint."""
+        """0-based bands that may change: the bands of the removal, and the bands in which a chain replaces glint."""
         if not self.chain.replaces:
             return sorted({f.band for f in self.model.fits})
         return sorted(self.only or range(len(self.scene.bands)))
 
     @property
     def amount_bands(self) -> list[int]:
-        """0-based bands in the raster of amounts: those that may change, or all, with zeros, if there are none."""
+        """0-based bands in the raster of amounts: the bands that may change; if there are none, all (with zeros)."""
         return self.changed or list(range(len(self.scene.bands)))
 
     @property
@@ -115,11 +115,11 @@ class Correction:
 
     @property
     def by_cells(self) -> bool:
-        """Whether the tile is computed in cells of the scene."""
+        """Whether tiles are corrected cell by cell (see `CHAIN_CELL`)."""
         return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
-        """Read a tile, correct it, and convert it to the output's type."""
+        """Read a tile, correct it, and convert it to the type of the output."""
         block, wanted = self._read(tile), self.amount_bands
         before = block.own[wanted] if self.want_flags or self.want_amount else None
         saturated = self._saturated(block.own)
@@ -138,12 +138,12 @@ class Correction:
         return done
 
     def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
-        """Read a tile and correct it; return physical values of all bands, and the mask of pixels to correct."""
+        """Read and correct a tile; return physical values (band, row, column), and the mask of pixels to correct."""
         block = self._read(tile)
         return self._corrected(block), block.where
 
     def _corrected(self, block: Block) -> npt.NDArray[Any]:
-        """Physical values of the tile after the correction; the block records which bands and pixels changed."""
+        """Corrected physical values of the tile, (band, row, column); `block.changes` says where they changed."""
         physical = np.ascontiguousarray(block.own)
         if self.changed and block.where.any():
             if self.chain.runs:
@@ -168,12 +168,12 @@ class Correction:
         return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])
 
     def training(self, tile: Tile) -> Training:
-        """A tile with its halo before the correction; all of its water is the sample."""
+        """The tile as a training tile, before the correction; all of its water is the sample."""
         block = self._read(tile)
         return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
     def _water_in(self, tile: Tile, physical: Any) -> Mask:
-        """Pixels of a tile that may be corrected, from its physical values."""
+        """Mask (row, column) of the pixels of a tile that may be corrected; `physical`: (band, row, column)."""
         if self.area is not None:
             return self.area.read(tile.window)
         if self.water is None or self.water.all_water:
@@ -188,7 +188,7 @@ class Correction:
         return np.asarray(physical >= limits[:, None, None])
 
     def _remove(self, block: Block, physical: Any) -> None:
-        """Subtract the glint that the model predicts from `physical`."""
+        """Subtract from `physical`, (band, row, column), the glint that the model predicts."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
@@ -219,7 +219,9 @@ class Correction:
         block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
 
     def _states(self, block: Block) -> Iterator[tuple[State, Any, Any]]:
-        """The state of each cell with its halo after the chain; the slices of the cell in it, and in the tile."""
+        """For each cell of the tile: its state with a halo after the chain, slices of the cell in the state, and slices
+        of the cell in the tile. Sets `block.errors` if standard errors are wanted.
+        """
         tile, outer = block.tile, block.outer
         block.errors = np.zeros((len(block.wide), *tile.shape), np.float32)
         for cell in tile.split(CHAIN_CELL):
@@ -236,7 +238,7 @@ class Correction:
             yield state, core, within
 
     def _stderr(self, block: Block, physical: Any) -> npt.NDArray[np.float32]:
-        """Standard errors of the bands that may change; NaN where nothing was corrected."""
+        """Standard errors of the bands that may change, (band, row, column); NaN where nothing was corrected."""
         if block.errors is None:
             for _ in self._states(block):
                 pass
@@ -248,7 +250,7 @@ class Correction:
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
-        """The tile in the output's type; negative and clipped values are flagged and counted."""
+        """All bands in the type of the output; negative and clipped values are added to `flags` and `tally`."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, lost = relaid(
             np.ascontiguousarray(block.raw), block.valid, layout.info.nodatas, layout.dtype, layout.nodata
@@ -270,7 +272,7 @@ class Correction:
         return raw
 
     def _file_valid(self, block: Block) -> Mask | None:
-        """The output's mask for the tile, if it has one: valid in every band."""
+        """Mask (row, column) of pixels that are valid in every band; None if the output has no mask."""
         if not self.layout.masked:
             return None
         found = np.ones(block.tile.shape, np.bool_) if block.valid is None else np.asarray(block.valid.all(axis=0))
@@ -283,10 +285,10 @@ def correction(
     scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
     threads: int = 1,
 ) -> Correction:  # fmt: skip
-    """The function that corrects the tiles of a scene, from a fit.
+    """The function that corrects the tiles of a scene, as it was fitted.
 
-    `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs; noise and
-    standard errors are estimated if an output needs them, with `threads` threads.
+    `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs: if one needs
+    noise or standard errors, these are estimated here, on `threads` threads.
     """
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
@@ -304,7 +306,7 @@ def correction(
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles in which a scene is corrected: whole cells if there is a chain."""
+    """Rows and columns of the tiles in which a scene is corrected; with a chain, a tile consists of whole cells."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:
@@ -316,7 +318,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, with standard errors. Raises InputError, FitError: they cannot be estimated."""
+    """The same correction, which also computes standard errors. InputError, FitError: they cannot be estimated."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
@@ -338,7 +340,7 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """The same correction, with the noise of the corrected bands: pixel noise and rounding in the file."""
+    """The same correction, with the `noise` of its bands: noise of the pixels and rounding to integers of the file."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = [noise([np.nan_to_num(p[b]) for p in done], inside) for b in work.changed]
@@ -346,5 +348,5 @@ def _with_noise(work: Correction, threads: int) -> Correction:
 
 
 def _tiles_of(scene: Scene) -> list[Tile]:
-    """Tiles for the estimates."""
+    """Tiles of a scene from which noise and standard errors are estimated."""
     return tiling.spread(tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE)), TILES * TRIAL_SIDE**2)

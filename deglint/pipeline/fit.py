@@ -28,22 +28,22 @@ from .recipe import Recipe, make_request
 from .sample import Job, Progress
 from .sampling import Sampled, describe_sample, fit_sampled, place_of
 
-SMALLEST_SCENE = 256  # pixels of the smallest scene in which a sample is searched
+SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted scene.
+    """Result of fitting a recipe to a scene.
 
     Attributes
     ----------
     model : GlintModel
     recipe : Recipe
-        With every "auto" resolved.
+        With the method, compensation and regression that were chosen.
     notes : tuple of str
         The decisions, as lines for the log.
     sampled : dict or None
-        Size, place and statistics of the sample.
+        Size, position and statistics of the sample; None without a sample.
     sample : dict or None
         The sample as GeoJSON, if requested.
     water, water_bands : WaterRule or None, tuple of int
@@ -96,7 +96,7 @@ def fit_scene(
     scene : Scene
     recipe : Recipe, optional
     threads : int, optional
-        All processors by default; the result does not depend on it.
+        All processors by default; the result does not depend on the number.
     want_sample : bool
         Return the sample's outline as GeoJSON.
     progress : callable, optional
@@ -134,7 +134,9 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to a first overview; if it contains too little water, to larger and larger parts of the scene."""
+    """Fit to an overview of a part of the scene. If it has too little water, or the tolerance is not reached, fit to a
+    larger part; the last part is the whole scene.
+    """
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
         raise NoWaterError(
@@ -161,7 +163,7 @@ def _fit_overviews(
         try:
             fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
         except (NoWaterError, FitError):
-            # an overview of a part may have missed the water, or the deep of it: look at more
+            # an overview of a part may have missed the water, or its deep part: read more
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
                 raise
             continue
@@ -172,7 +174,7 @@ def _fit_overviews(
 
 
 def _fit(job: Job, of_nir: str) -> Fitted:
-    """Fit a recipe to one overview of a scene; the note on the NIR is kept."""
+    """Fit a recipe to one overview of a scene; `of_nir`, the note on the NIR bands, is put first in `Fitted.notes`."""
     recipe, overview = job.recipe, job.overview
     notes = [of_nir, *log_water(overview.water, recipe.mask)]
     sampler = learning.sampler_of(job) if recipe.sample != "auto" else None
@@ -215,9 +217,9 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Prepare a saved model for this scene.
+    """Prepare a saved model, and the `chain` saved with it, for this scene.
 
-    Raises InputError: the scene lacks a band that the model needs; NoWaterError: the scene contains no water.
+    Raises InputError: the model cannot be applied to this scene; NoWaterError: the scene contains no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
@@ -241,7 +243,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Examine a scene; of a large one a part is read, for a limited time.
+    """Examine a scene; of a large scene only a part is read, for a limited time.
 
     Parameters
     ----------
@@ -303,7 +305,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
 
 
 def _header(scene: Scene) -> dict[str, Any]:
-    """What is known of a scene without a fit, and None for the rest."""
+    """Properties of a scene that are known without a fit; the other values of `examine` are None."""
     info = raster_of(scene).info
     unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
                "suggested_method", "reason", "choice")  # fmt: skip

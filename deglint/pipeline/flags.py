@@ -1,9 +1,9 @@
 """Additional output rasters: flags, classes of sun glint, amounts and standard errors; and the modelled sky glint.
 
-The classes and amounts are those of CEOS Analysis Ready Data, Product Family Specification Aquatic Reflectance,
-version 2.0.1 (2026), per-pixel metadata "Sun Glint" (2.9) and "Sky Glint" (2.10), https://ceos.org/ard. It asks
+The classes and amounts follow CEOS Analysis Ready Data, Product Family Specification Aquatic Reflectance, version
+2.0.1 (2026), per-pixel metadata "Sun Glint" (2.9) and "Sky Glint" (2.10), https://ceos.org/ard. The specification asks
 whether sun glint in a pixel is negligible, correctable (moderate) or uncorrectable (severe), and for the amounts of
-both for each pixel and spectral band. Version 1.0 (2022) says "absent" in place of "negligible".
+sun glint and sky glint in each pixel and spectral band. Version 1.0 (2022) says "absent" in place of "negligible".
 
 Sky glint is skylight reflected by the sea. A removal of sun glint cannot measure it, as it is nearly constant over a
 scene: it is modelled, not removed.
@@ -46,28 +46,28 @@ FLAGS = {
 """Bits of the flag raster's first band."""
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
 GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)", 3: "uncorrectable (severe)"}
-"""Values of its second band: sun glint in the pixel before the correction."""
+"""Values of the second band of the flag raster: class of sun glint in the pixel before the correction."""
 NOT_ASSESSED, NEGLIGIBLE, CORRECTABLE, UNCORRECTABLE = GLINT_CLASSES
 MODELLED = "modelled at the water surface, not removed"
 SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
 SKY_MODEL = "harrison-coombes"
-"""Sky model of the value: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
+"""Sky model for the reported sky glint: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
-"""Wind of the value and the limits of its range [m/s], if the wind is not stated: default of simulations, calm, strong.
-"""
+"""If the scene states no wind: wind for the reported sky glint (default of simulations), and weak and strong wind for
+its range [m/s]."""
 VISIBILITIES = (40.0, 15.0, 80.0)
-"""Visibility of the value and the limits of its range [km]: default of plans and simulations, haze, very clear."""
+"""Visibility for the reported sky glint (default of plans), and in haze and very clear air for its range [km]."""
 _ANGLE_TAGS = {
     "sun zenith angle": ("sun_zenith_deg", "sun_elevation"),
     "sun azimuth": ("sun_azimuth_deg", "sun_azimuth"),
     "view zenith angle": ("view_zenith_deg", "view_elevation"),
     "view azimuth": ("view_azimuth_deg", "view_azimuth"),
 }
-"""Tags that state each angle."""
+"""Two tags of a scene that can state each angle [degree]; an elevation is 90 degrees minus the zenith angle."""
 
 
 def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile, (row, column), without those of its encoding, `NEGATIVE` and `CLIPPED`."""
+    """Flags of a corrected tile without `NEGATIVE` and `CLIPPED`, (row, column); `saturated`: (row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if block.changes else 0
     if block.replaced is not None:
@@ -80,7 +80,7 @@ def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Number of pixels of a tile by their flags and, by band, of changed and of saturated pixels."""
+    """Pixels of a tile by flag; replaced, changed and saturated pixels by band. `saturated`: (band, row, column)."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
@@ -97,7 +97,7 @@ def glint_classes(
     """Class of sun glint of each pixel, one of `GLINT_CLASSES`, (row, column).
 
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
-    it is one standard deviation of the band's noise, in every band: such glint adds no more variance than the noise.
+    the limit in every band is one standard deviation of its noise: such glint adds no more variance than noise does.
     `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
     standard deviation of their noise [unit of the band]. Pixels outside `water` (row, column) are not assessed; nor are
     any if no band was corrected.
@@ -110,7 +110,7 @@ def glint_classes(
 
 
 def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
-    """Sidecar entries of the classes."""
+    """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band."""
     noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise, strict=True)}
     pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
@@ -119,8 +119,8 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
     """Layout of the corrected image; its type is the scene's by default.
 
-    The nodata is that of the input, if the type can hold it. There is a mask if the input has one, or if its nodata
-    cannot be expressed otherwise.
+    The output has the nodata of the input, if the type can hold it. It has a mask if the input has one, or if its
+    nodata cannot be expressed otherwise.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
@@ -138,7 +138,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """Name and layout of each additional raster, by the field of a tile's result.
+    """Path and layout of each additional raster; a key is the field of `Corrected` that has its values.
 
     `modelled` is the result of `sky_glint`.
     """
@@ -173,9 +173,9 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
     with L the reflected sky radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
-    Gives the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
-    three skies, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. None, with a line in the log, if the tags of the
-    scene do not give the angles of sun and sensor.
+    Returns the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
+    three sky models, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. None, with a line in the log, if the scene
+    does not state the angles of sun and sensor, or has no such band.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     angles: dict[str, Any] = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
@@ -214,7 +214,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle from its tag, a zenith angle also from an elevation; None if missing or impossible."""
+    """An angle from tag `name`, a zenith angle also from elevation `other` [degree]; None if missing or impossible."""
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:
         angle = 90.0 - angle

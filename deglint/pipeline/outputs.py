@@ -46,8 +46,8 @@ class Outputs:
     sample: Path | None = None  # the sample as GeoJSON
     model: Path | None = None  # the fitted model
     picture: Path | None = None  # before and after
-    overwrite: bool = False  # replace what exists
-    dtype: str | None = None  # of the image; the input's by default
+    overwrite: bool = False  # replace existing files
+    dtype: str | None = None  # data type of the image; the type of the input by default
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     request: str | None = None  # checksum of a batch's options, by which finished outputs are recognised
     reads: Sequence[str | Path] = ()  # input files besides those of scene and recipe, which no output may replace
@@ -72,19 +72,19 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Number of pixels of a tile or of the whole run by result; counts per band are arrays in scene order, or 0."""
+    """Numbers of pixels of a tile or of a whole run; numbers by band are an array in scene order, or 0 for all."""
 
     total: int = 0
     nodata: int = 0
     not_water: int = 0
     corrected: int = 0
     protected: int = 0
-    replaced: Any = 0
-    changed: Any = 0
-    negative: Any = 0
-    clipped: Any = 0
-    saturated: Any = 0
-    glint: Any = 0  # of each class of sun glint
+    replaced: Any = 0  # for each band: glint replaced by a chain
+    changed: Any = 0  # for each band: not copied
+    negative: Any = 0  # for each band: below 0 after the correction
+    clipped: Any = 0  # for each band: clipped to the range of the output's type
+    saturated: Any = 0  # for each band: saturated before the correction
+    glint: Any = 0  # for each class of sun glint
 
     def add(self, other: PixelCounts) -> None:
         """Add a tile's counts."""
@@ -92,7 +92,7 @@ class PixelCounts:
             setattr(self, name, getattr(self, name) + count)
 
     def by_band(self, name: str, names: Sequence[str]) -> dict[str, Any]:
-        """Counts of each band, by the band's name."""
+        """The numbers in field `name` for each band; keys are the band `names`."""
         return dict(zip(names, np.broadcast_to(getattr(self, name), len(names)), strict=True))
 
 
@@ -129,7 +129,7 @@ class Result:
         return shown(repr(self), rows, None if before is None or after is None else stretched([before, after]))
 
     def _middle(self, paths: list[str]) -> FloatArray | None:
-        """The central part of the image in some files, if it can be read."""
+        """The central part (band, row, column) of the image that these files hold; None if it cannot be read."""
         from ..readers import open_scene
 
         try:
@@ -142,7 +142,7 @@ class Result:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Names of the bands that differ from the input; the others are copied."""
+        """Names of the bands with changed pixels; the other bands are copied."""
         return tuple(self.sidecar["pixels"]["changed"])
 
 
@@ -167,7 +167,7 @@ def log_scene(scene: Scene) -> None:
 
 
 def log_nir(note: str) -> None:
-    """Log which bands show the glint."""
+    """Log the `note` on the NIR bands; a doubt in it is logged as a warning."""
     said, _, doubt = note.partition("; warning: ")
     log.info("%s", said)
     if doubt:
@@ -175,9 +175,9 @@ def log_nir(note: str) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; returns the note on the water, if water was looked for.
+    """Log which pixels are corrected; returns the note on the water, or nothing if there is no `rule`.
 
-    Raises NoWaterError: there is none.
+    Raises NoWaterError: the scene has no water.
     """
     if rule is None:
         if mask != "auto":
@@ -190,7 +190,7 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
 
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
-    """Log the method, its bands, and its warnings."""
+    """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
     bands = ", ".join(f.name for f in model.fits) or "none"
     log.info("method: %s; bands to correct: %s", model.method, bands)
     why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
@@ -242,7 +242,7 @@ def sidecar(
 
 
 def _resolved(fitted: Fitted) -> dict[str, Any]:
-    """The recipe with the bands that were selected automatically."""
+    """The recipe for the sidecar, with the regression, the use of the NIR and the bands that were really used."""
     recipe, model = asdict(fitted.recipe), fitted.model
     recipe["regression"] = model.regression
     if recipe["nir_use"] == "auto":
@@ -253,7 +253,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """Steps that were skipped, and why."""
+    """Why there is no water mask from the scene, and why each band that is not corrected is not; by their names."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
@@ -279,7 +279,7 @@ def versions() -> dict[str, str]:
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
-    """Warnings of values that the output cannot hold, or that are physically impossible."""
+    """Warnings: pixels below zero, and pixels clipped to the integer range of the output, in each band."""
     said = []
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
         if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
@@ -288,7 +288,7 @@ def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
 
 
 def saved(fitted: Fitted) -> str:
-    """A fit as JSON text (what `--save-model` writes)."""
+    """The model and the compensation of a fit as JSON text, which `--save-model` writes."""
     compensation = {"compensation": fitted.chain.numbers()} if fitted.chain.runs else {}
     return json.dumps(json.loads(fitted.model.to_json()) | compensation, indent=2)
 
@@ -310,6 +310,7 @@ def load_chain(path: str) -> Chain:
 
 
 def _load(path: str) -> tuple[GlintModel, Chain]:
+    """Read what `saved` returns as text."""
     text = read_text(path, "--model")
     try:
         model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")

@@ -1,4 +1,4 @@
-"""A first, fast overview of a scene: some of its tiles, and the rule for water found in them."""
+"""Overview of a scene: the tiles that are read first, and the rule for water that is fitted to them."""
 
 import math
 import re
@@ -19,27 +19,27 @@ from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene
 from ..tiles import Tile
 
-OVERVIEW_PIXELS = 300_000  # pixels of a first overview
+OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
-"""Most pixels of the last overview that are kept in memory; of larger scenes all is read, and some valid tiles are
-kept."""
+"""Most pixels that the overview of a whole scene keeps in memory. A larger scene is read completely, and only some of
+the tiles with valid pixels are kept."""
 MOST_TILES = 1 << 18  # most tiles that are considered for an overview
 
 
 @dataclass(frozen=True)
 class Overview:
-    """Result of an overview of a scene."""
+    """A part of a scene that was read first, and the water in it."""
 
-    tiles: tuple[Tile, ...]  # that were read
-    roles: Roles  # of the scene's bands
-    water: WaterRule | None  # None: no visible band to tell water by, or the user has said what is water
-    whole: bool  # everything was read
+    tiles: tuple[Tile, ...]  # tiles that were read
+    roles: Roles  # the visible and NIR bands of the scene
+    water: WaterRule | None  # None: water is not wanted, or not found without a visible band
+    whole: bool  # the overview covers the whole scene
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Overviews of larger and larger parts of the scene, the last of all of it; with a water rule if `wanted`."""
+    """Overviews of larger and larger parts of a scene, the last of all of it; with a water rule if `wanted`."""
     roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
     compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
@@ -61,7 +61,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Tiles spread over the scene; in a huge scene only from every n-th row and column of tiles."""
+    """Tiles spread over the scene, with about `pixels` pixels; of a huge scene, some rows and columns of tiles."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
@@ -88,7 +88,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview in which water is found if `wanted`, else the last."""
+    """The first overview in which water is found, else the last; the first of all if water is not `wanted`."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break
@@ -108,12 +108,12 @@ def role_bands(roles: Roles) -> tuple[int, ...]:
 def on_threads(
     tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Any]:
-    """Iterate over the results of work that reads the scene."""
+    """Iterate over `work(tile)` of each tile, in order; the work reads the scene on several threads."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
 
 def read_tiles(scene: Scene, tiles: Sequence[Tile], bands: Sequence[int], threads: int) -> list[Any]:
-    """Physical values of some bands of some tiles."""
+    """Physical values (band, row, column) of each tile; `bands` are 0-based."""
     return list(on_threads(tiles, lambda tile: scene.source.read(tile.window, list(bands)), threads))
 
 

@@ -28,9 +28,11 @@ class Recipe:
         NIR bands by name or 1-based number; determined automatically if empty. A single name or number is also
         accepted.
     nir_use : {"auto", "mean", "best", "set"}
-        How to use several NIR bands; auto: one per set if the sensor takes its bands in sets, else their mean.
+        Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
+        best; "set", the NIR band taken at the same time. "auto": "set" if the sensor takes its bands in sets at
+        different times, else "mean".
     bands : tuple of str
-        Bands to correct, likewise; if empty, all of shorter wavelength than the NIR.
+        Bands to correct, by name or 1-based number; if empty, all bands of shorter wavelength than the NIR.
     sample : str
         "auto", "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
     mask : str
@@ -40,7 +42,7 @@ class Recipe:
     floor_percentile : float
         Percentile of the NIR that Hedley's method uses as glint-free NIR [%]; 0: the minimum, as published.
     rrs_factor : float
-        Ratio of the physical values to remote-sensing reflectance (Goodman).
+        Ratio of the physical values to remote-sensing reflectance, for method "goodman" [sr]; pi for reflectance.
     compensate : str
         "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
@@ -48,8 +50,8 @@ class Recipe:
         Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
         not known.
     tolerance : float
-        Reading of the sample stops when the relative standard error of the slopes is below this. 0 (off): the whole
-        given sample is read, or the default share of a scene. See `deglint.pipeline.sampling`.
+        Reading of the sample stops when the relative standard error of the slopes is at most this. 0 (off): a given
+        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sampling`.
     """
 
     method: str = "auto"
@@ -105,7 +107,7 @@ class Recipe:
 
     @property
     def chain(self) -> str:
-        """Stages of compensation: "auto" if a candidate is to be chosen, "off" for none."""
+        """Stages of compensation as text: "auto" if a candidate is to be chosen, "off" for no stages."""
         if self.compensate == "auto":
             return "auto" if self.method == "auto" else "off"
         return THESIS_CHAIN if self.compensate == "thesis" else self.compensate
@@ -123,7 +125,7 @@ def band_names(value: Any, field: str) -> tuple[str, ...]:
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
-    """Turn the recipe's bands into a request; also returns a note on them for the log."""
+    """The request for a fit with the recipe's bands, and a note for the log on the choice of the NIR bands."""
     wanted = list(recipe.nir) or None
     nir, note = find_nir(scene, wanted), explain_nir(scene, wanted)
     use = "mean" if recipe.nir_use == "auto" else recipe.nir_use
@@ -142,7 +144,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """One NIR band for each set of bands with the same acquisition time; empty if there is only one set."""
+    """0-based NIR band of each set of bands taken at the same time; empty with one set, or a set without NIR band."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()

@@ -39,7 +39,7 @@ READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset"
 """Keywords of `remove_glint` for opening the input."""
 WRITING = ("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options", "request",
            "reads")  # fmt: skip
-"""Keywords for the outputs."""
+"""Keywords of `remove_glint` for the outputs."""
 
 
 @checked_keywords(*READING, "chain", *WRITING)
@@ -61,9 +61,9 @@ def remove_glint(
     model : GlintModel, optional
         Apply this model, and `chain`, the compensation that was fitted with it, instead of fitting one.
     threads, cluster : int and Cluster, optional
-        All processors by default; or workers (`deglint.pipeline.cluster.connect`). The result is the same to the bit.
+        Threads, by default all processors; or workers (`deglint.pipeline.cluster.connect`) with the same result.
     progress : callable, optional
-        progress(stage, done, total).
+        Called as progress(stage, done, total).
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
         sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
@@ -107,17 +107,17 @@ def remove_glint(
 
 @dataclass(frozen=True)
 class _Run:
-    """How tiles are processed, and since when."""
+    """How the tiles of a run are processed, and when the run began."""
 
     threads: int
     progress: Progress
     cluster: Cluster | None
-    over: tiling.Run  # on threads, or on the workers of the cluster
-    begun: float = field(default_factory=time.perf_counter)
+    over: tiling.Run  # function that processes tiles: on threads, or on the workers of the cluster
+    begun: float = field(default_factory=time.perf_counter)  # [s]
 
 
 def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
-    """Check that the outputs can be written, and replace no input; return the files of the scene."""
+    """Check that the outputs can be written and that they replace no input; return the files of the scene."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -194,13 +194,13 @@ def one_thread_each() -> Iterator[None]:
 
 @checked_keywords()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
-    """Correct a scene, or a window of it, in memory; the same as `remove_glint` for files.
+    """Correct a scene, or a window of it, in memory, with the same result as `remove_glint` for files.
 
     Parameters
     ----------
     scene : Scene
     fitted : Fitted
-        From `fit_scene`: with its compensation and its water mask.
+        Result of `fit_scene`; its compensation and its water mask are applied, too.
     window : ((row0, row1), (col0, col1)), optional
         The whole scene by default.
     mask : str, optional

@@ -1,4 +1,4 @@
-"""The location of the sample, the training tiles, and trials of candidates on them."""
+"""The sample of a scene: where it lies, training tiles, fits to them, and trials of candidates on them."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,8 +34,8 @@ from .recipe import Recipe, smallest_object
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 LEAST_PERCENTILE = 0.5
-"""Percentile of the prediction that is its level if glint covers all of the sample [%]: nearly the minimum, to allow
-for noise. Otherwise the level is the median of the pixels without glint."""
+"""Percentile of the glint index that is taken as glint-free if glint covers the whole sample [%]: nearly the minimum,
+to allow for noise. Otherwise the glint-free value is the median of the pixels without glint."""
 HALO = 64  # halo around a training tile, for windows, kernels and clumps of its first stages [pixel]
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
@@ -44,7 +44,7 @@ three seconds on two processors, is proportional to their area."""
 
 @dataclass(frozen=True)
 class Job:
-    """Input of a fit."""
+    """Input of a fit to one overview of a scene."""
 
     scene: Scene
     recipe: Recipe
@@ -52,33 +52,33 @@ class Job:
     overview: Overview
     threads: int
     note: Callable[[int, int], None] | None  # called with the number of tiles that are done, and of all
-    run: tiling.Run
-    want_sample: bool
+    run: tiling.Run  # function that processes tiles
+    want_sample: bool  # return the outline of the sample
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
-        """Iterate over the results of work on tiles of an overview with a halo, of all bands."""
+        """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows with this halo."""
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """The location of the sample: tiles to read, a function that gives its mask in a block, and its bounds."""
+    """Where the sample of a scene lies."""
 
-    tiles: Sequence[Tile]
-    mask: Callable[[Any, Sequence[int], Tile], Mask]
-    bands: tuple[int, ...] = ()
-    halo: int = 0
-    numbers: dict[str, Any] = field(default_factory=dict)
-    bounds: Window | None = None
+    tiles: Sequence[Tile]  # tiles that contain the sample
+    mask: Callable[[Any, Sequence[int], Tile], Mask]  # its mask in (block, 0-based bands, tile)
+    bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
+    halo: int = 0  # pixels around a tile that `mask` needs
+    numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
+    bounds: Window | None = None  # window around a sample that the user has given
 
     def squares(self, scene: Scene) -> Sequence[Tile]:
-        """Squares that contain the sample; independent of how the file is stored."""
+        """Tiles of up to `TILE_SIDE` pixels a side that cover the sample, whatever the blocks of the file are."""
         return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def sampler_of(job: Job) -> Sampler:
-    """The sampler for a recipe.
+    """The `Sampler` for the sample that the recipe of a job requests.
 
     Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
     """
@@ -107,7 +107,7 @@ def sampler_of(job: Job) -> Sampler:
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
-    """Tiles of a given shape that intersect a window."""
+    """Tiles of this shape (rows, columns) [pixel] that intersect the window `bounds`."""
     (top, bottom), (left, right) = bounds
     return [
         t for t in tiling.tiles(scene.height, scene.width, shape)
@@ -117,7 +117,7 @@ def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Til
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A training tile of a scene, with the halo that stages need."""
+    """A training tile: a part of a scene that is read for a fit, with the halo that stages need."""
 
     tile: Tile
     outer: Tile  # with the pixels around
@@ -127,20 +127,20 @@ class Training:
 
     @property
     def inside(self) -> Mask:
-        """Mask of the sample in the block."""
+        """Mask of the sample in the block, in the shape of `outer`."""
         out = np.zeros(self.outer.shape, np.bool_)
         out[self.tile.within(self.outer)] = self.sample
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
-        """The tile for methods that use neighbouring pixels; `image` is the block after preceding stages."""
+        """The tile without its halo, for methods that use neighbouring pixels. `image`: the block after some stages."""
         core = self.tile.within(self.outer)
         block = np.ascontiguousarray((self.block if image is None else image)[core])
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
 def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callable[[Tile], Training]:
-    """Function that reads a training tile with a halo; its sample is that of the sampler, or all open water."""
+    """Make a function that reads a training tile; its sample comes from `sampler`, or is the water away from shores."""
     scene, rule, every = job.scene, job.overview.water, list(range(len(job.scene.bands)))
     named = rule is None or (sampler is not None and not halo)
     reach = 0 if rule is None or named else rule.halo
@@ -166,7 +166,7 @@ def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callabl
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips of odd and even detectors from the footprints of a band; None without footprints or with one kind."""
+    """Strips of odd and even detectors from the footprints of a 0-based band; None if not known or of one kind."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -180,7 +180,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
-    """Strips by a search of the whole scene, after a sample has shown that there are some."""
+    """Search the whole scene for strips of two kinds; `kinds` finds the kind of each square of a tile."""
     read, (_bands, height, width) = training_reader(job, sampler), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -190,7 +190,7 @@ def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
 
 
 def setting(job: Job) -> Setting:
-    """Properties of the scene that stages need."""
+    """Properties of the scene that the fit of a chain needs: bands, NIR, PSFs and pixel size."""
     optics, psfs = optics_of(job.scene), None
     wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
     if len(wavelengths) == len(job.scene.bands):
@@ -201,7 +201,9 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
-    """Read training tiles, as many as an overview may have; independent of how the file is stored."""
+    """Read the training tiles, each with a halo [pixel]. If they have more than 2 * `OVERVIEW_PIXELS` pixels, only
+    tiles with about `OVERVIEW_PIXELS` pixels are read, evenly spread, whatever the blocks of the file are.
+    """
     places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
@@ -209,13 +211,13 @@ def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
-    """Training tiles in the form that stages use."""
+    """Training tiles as the sample to which stages are fitted."""
     states = tuple(State.of(t.block, t.water, (t.outer.row0, t.outer.col0)) for t in training)
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
-    """Fit a method to tiles after the stages before the removal."""
+    """Fit a removal method to `sample`: the training tiles after the stages `chain.before`."""
     images = [s.image for s in sample.states]
     if not METHODS[method].neighbours:
         return fit_pointwise(method, job.request, images, sample.inside)
@@ -233,13 +235,15 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 
 def _of_kernels(job: Job) -> FitRequest:
-    """What `wiener` is to fit."""
+    """The request for a fit of method `wiener`."""
     resolved = (pixel_size(job.scene) or np.inf) < WAVES_RESOLVED
     return replace(job.request, regression="detrended", resolved=resolved)
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles with the sample a window or more from land, where openings are too dark; unchanged if most is nearer."""
+    """Tiles whose sample excludes pixels nearer to land than `size` [pixel], where openings are too dark. The sample is
+    not changed if less than half of it would be left.
+    """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
     return inner if enough else list(tiles)
@@ -248,7 +252,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 def fit_training(
     job: Job, training: Sequence[Training], sampler: Sampler | None, text: str, method: str
 ) -> tuple[Chain, GlintModel]:
-    """Fit a chain of stages with a removal method to tiles; or, without stages, kernels of neighbouring pixels."""
+    """Fit a chain and a removal method to training tiles; if `text` is "off", fit kernels (`wiener`) without stages."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         return found.chain, found.model
@@ -257,7 +261,7 @@ def fit_training(
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Try candidates on the parts of training tiles that contain most of the sample."""
+    """Try candidates on parts of training tiles; the `TRIED` parts with the largest samples are used."""
     parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
     pixel, rule = pixel_size(job.scene), job.overview.water
     sample, trial = sample_of(parts), replace(job, request=replace(job.request, level_error=False))
@@ -273,7 +277,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """The first rows and columns of a tile, with a smaller halo."""
+    """The first `TRIED_SIDE` rows and columns of a training tile, with a halo of `TRIED_HALO` pixels."""
     part = found.tile.split(TRIED_SIDE)[0]
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)

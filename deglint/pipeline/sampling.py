@@ -1,8 +1,8 @@
-"""Fit a pointwise method to a sample, of which only as much is read as the standard error of the slopes needs.
+"""Fit a pointwise method (without neighbouring pixels) to a sample; with a tolerance, to as much of it as is needed.
 
-With a tolerance, squares spread over the scene are read until in every band that will be corrected the relative
-standard error of the glint taken from it (`deglint.remove.glint_error`) is small enough, or there is no more to read.
-The squares and the end depend only on the scene's pixels, not on the file's blocks or on threads.
+With a tolerance, tiles spread over the scene are read in batches, until the relative standard error of the glint in
+each corrected band (`deglint.remove.glint_error`) is at most the tolerance, or all tiles are read. The batches depend
+only on the pixels of the scene, not on blocks of the file or on threads.
 """
 
 import math
@@ -25,14 +25,15 @@ from .outputs import log
 from .overview import OVERVIEW_PIXELS
 from .sample import Job, Sampler
 
-KEPT_PIXELS = 1 << 20  # most single pixels that are kept for a percentile or a mode
+KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
-"""Fewest effective cells for a reliable standard error. In simulated seas with fewer than 25, where a few clumps of
-sparkle contain most of the glint, real errors were up to 24 times the estimated ones; with more than 40, 1.3 times."""
+"""Least effective number of cells (see `glint_error`) for a reliable standard error. In simulated seas with fewer than
+25, where a few clumps of sparkle contain most of the glint, real errors were up to 24 times the estimated errors; with
+more than 40, up to 1.3 times."""
 GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
 READ_MARGIN = 1.1
-"""Safety factor on the size of the next batch, which is extrapolated with the square root of the pixels."""
+"""Safety factor on the pixels to read, computed as if the error fell with the square root of their number."""
 
 Place = tuple[Window | None, list[Any]]
 """Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""
@@ -82,7 +83,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
 def _read(
     job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile]
 ) -> Iterator[tuple[SampleStatistics, list[Place]]]:
-    """Statistics of each row of a batch of tiles, and the places of the sample in it."""
+    """Statistics of the sample in each row of tiles of a batch, and the place of the sample in each tile."""
     scene, halo = job.scene, max(plan.halo, 0)
     outlined = scene if job.want_sample else None  # workers of a cluster get no job
     columns = sorted({*plan.read_bands, *sampler.bands})
@@ -104,7 +105,7 @@ def _read(
 
 
 def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel | None, dict[str, float], float]:
-    """A fit, its relative error in each band, and the effective number of cells; none if nothing varies so far."""
+    """A fit, its relative error in each band, and the effective number of cells; None, {} and 0 if a fit fails."""
     try:
         model = METHODS[method].fit(job.request, stats)
     except FitError:
@@ -116,7 +117,7 @@ def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel 
 def _reached(
     tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
 ) -> tuple[dict[str, Any], str, list[str]]:
-    """Entries of the sidecar, a line of the log, and warnings."""
+    """Sidecar entries, log line and warnings on the tolerance, after `taken` of `whole` pixels were read."""
     worst = max(errors.values(), default=0.0)
     met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {
@@ -136,7 +137,7 @@ def _reached(
 
 
 def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) -> Place:
-    """The place of the sample in a tile, from its mask there; with an outline if a scene is given."""
+    """Place of the sample in a tile, from its mask (row, column); with an outline if a scene is given."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []
@@ -146,7 +147,7 @@ def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) ->
 
 
 def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
-    """Properties of the sample of a model; its position is logged."""
+    """Sidecar entries and outline of the sample to which a model was fitted; its size and position are logged."""
     boxes, box = np.array([box for box, _ in places if box is not None]), None
     if len(boxes):
         (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()
@@ -166,5 +167,5 @@ def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[P
 
 
 def _place(box: Window | None) -> str:
-    """A window as text."""
+    """A window as text; "nowhere" without a window."""
     return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"
