@@ -36,19 +36,19 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """One method in the table.
+    """A method of removal, as an entry of `METHODS`.
 
-    `fit` takes the bands to correct and the references, and what its plan gathers over the sample [unit of the bands].
-    It raises FitError if the sample has fewer than 64 pixels or a reference does not vary in it, and BandError if a
-    band is missing at a wavelength that the method needs.
+    `fit` takes a request (the bands to correct and their references) and the sample: statistics as `plan` requests
+    them, None without a plan, or a list of `SampleTile` if `neighbours` is set. It raises FitError if the sample has
+    too few pixels or a reference does not vary in it, and BandError if the method needs a band that is missing.
     """
 
     summary: str  # one line for `--help` and the documentation
-    fit: Callable[[FitRequest, Any], GlintModel]  # the second is SampleStatistics, None without a plan, or SampleTiles
+    fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None where no sample is needed
     regresses: bool = False  # `--regression` selects the estimator of the slopes
     least_squares: bool = False  # the weights of the references are least squares, so that they have a standard error
-    neighbours: bool = False  # it uses neighbouring pixels, so that it is fitted to tiles
+    neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
 
 _index_plan = partial(regression_plan, keep_index=True)
@@ -87,13 +87,13 @@ def fit(
     block : (band, row, column) ndarray
         Physical values, NaN where not valid.
     nir : int or sequence of int
-        0-based NIR band; the mean of several bands is the reference.
+        0-based NIR band or bands; the mean of several bands is the reference unless `use` says otherwise.
     sample : (row, column) bool ndarray, optional
         True over deep, glinted water; every valid pixel by default.
     bands : sequence of Band, optional
         Names and wavelengths; "band 1", "band 2", ... by default.
     **options
-        regression, floor_percentile, rrs_factor, correct: see `FitRequest`.
+        regression, floor_percentile, rrs_factor: see `FitRequest`; use, correct: see `nir_request`.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """The block as floating point, and its sample, by default all pixels."""
+    """The block as floating point, and the mask (row, column) of its sample; InputError if a shape is wrong."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
@@ -143,7 +143,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
 
 
 def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
-    """Fit a method that uses no neighbouring pixels to blocks of all bands, and masks of the sample in them."""
+    """Fit a method that uses no neighbouring pixels to blocks (band, row, column) and sample masks (row, column)."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -160,10 +160,10 @@ def nir_request(
     correct: Sequence[int] | None = None,
     **options: Any,
 ) -> FitRequest:
-    """Turn a selection of 0-based NIR bands into a request.
+    """Make the request for a fit from all bands of the scene and a selection of NIR bands (0-based).
 
-    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the one that explains the band
-        best; "set", the one that is taken at the same time (`Band.group`)
+    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
+        band best; "set", the NIR band that is taken at the same time (`Band.group`)
     correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if
         wavelengths are not known
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
@@ -187,6 +187,7 @@ def nir_request(
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
+    """Place in `nir` of the first NIR band in the group of a band; InputError if there is none."""
     for k, reference in enumerate(nir):
         if bands[reference].group and bands[reference].group == bands[band].group:
             return k

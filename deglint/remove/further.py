@@ -1,4 +1,4 @@
-"""Further references of the Wiener filter: red-edge bands, if they show no signal of the water."""
+"""Further references of the Wiener filter: red-edge bands can be used if they show no signal of the water."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,23 +16,23 @@ FURTHER_FROM = 680.0
 show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
 EVEN_SIDE, MOST_TAKEN = 9, 2.0
-"""Window of the means [pixel], and the limit of their standard deviation [standard deviations of a pixel's noise]: .1
-to .9 over deep water; 4.5 and more where red edge shows a textured bottom."""
+"""Window in which the change of the removal by further references is averaged [pixel], and largest standard deviation
+of these means, over the noise of a pixel: .1 to .9 over deep water; 4.5 and more where red edge shows a bottom."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
-    """Red-edge bands that can be used as further references, as they show no signal of the water.
+    """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
-    Their glint is closer in wavelength, noise and time to that of shorter bands. But if they show bottom, plumes or
-    algae, removal would subtract these from the shorter bands. This is tested on pixels with the least glint in the
-    NIR: the additional removal by further references, as means over `EVEN_SIDE` pixels, must not vary by more than the
-    noise of a pixel. The scene's own structures are the test signal (under wide plumes, the structures beside them).
+    They are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom, plumes or
+    algae, removal would subtract these from the shorter bands. This is tested on the half of the pixels with less
+    glint: the change of the removal by further references, averaged over `EVEN_SIDE` pixels, must not vary by more than
+    `MOST_TAKEN` standard deviations of noise. The test signals are the structures of the scene itself.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands from `FURTHER_FROM` on for which `serve` is True, without the shortest if necessary."""
+    """Bands to correct (0-based) from `FURTHER_FROM` on; the shortest are dropped until `serve` of the rest is True."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -41,7 +41,10 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 
 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
-    """Variation of the additional removal over water with little glint [standard deviations of noise]."""
+    """How much the references `more` (0-based bands) change the removal over water with weak glint.
+
+    It is the largest standard deviation of the change in any band, over the noise of a pixel; infinite if not tested.
+    """
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]

@@ -1,8 +1,8 @@
-"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm minus an offset that depends on 640 nm.
+"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm, less a part that is estimated from 640 nm.
 
-Assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that the water-leaving
-part at 750 nm follows from the difference between 640 and 750 nm. Works pixel by pixel without a sample, also over
-bright bottoms; needs bands near 640 and 750 nm.
+The method assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that the
+water-leaving part at 750 nm follows from the difference between 640 and 750 nm. It works pixel by pixel without a
+sample, also over bright bottoms, and needs bands near 640 and 750 nm.
 """
 
 from dataclasses import replace
@@ -10,12 +10,12 @@ from dataclasses import replace
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, linear_model
 
-A = 0.000019  # offset [sr^-1]
-B = 0.1  # ratio of the water-leaving part at 750 nm to Rrs(640) - Rrs(750)
+A = 0.000019  # constant term of the water-leaving part at 750 nm [sr^-1]
+B = 0.1  # increase of the water-leaving part at 750 nm with Rrs(640) - Rrs(750)
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:
-    """R'_i = R_i - R_750 + A + B (R_640 - R_750): an index (1 + B) R_750 - B R_640 above the level A.
+    """R'_i = R_i - R_750 + A + B (R_640 - R_750): the glint index is (1 + B) R_750 - B R_640, its level is A.
 
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,

@@ -1,8 +1,8 @@
 """Hedley, Harborne and Mumby (2005): slope against the NIR, glint-free NIR at its minimum.
 
-Assumes that glint in every band is proportional to that in the NIR, that water is dark in the NIR, and that at least
-one pixel of the sample is free of glint. Fails where bands are not simultaneous, and where the darkest NIR pixel is an
-outlier (a shadow, a dead detector): then use `floor_percentile`. Costs one pass over the sample.
+The method assumes that the glint of every band is proportional to the glint of the NIR, that water is dark in the NIR,
+and that some pixel of the sample is free of glint. It fails where bands are not simultaneous, and if the darkest pixel
+is an outlier (a shadow, a dead detector): then use `floor_percentile`. It costs one pass over the sample.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - min NIR), or with a percentile instead of the minimum.
+    """L'_i = L_i - b_i (NIR - min NIR), b_i the slope of band i; with `floor_percentile` instead of the minimum if set.
 
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.

@@ -1,7 +1,7 @@
 """Hochberg, Andrefouet and Tyler (2003): slope between the brightest and the darkest NIR pixel.
 
-Assumes that these two pixels differ only in glint. The published method depends on two pixels, so one boat in the
-sample makes it fail: select the sample with care. Costs one pass over the sample.
+The method assumes that these two pixels differ only in glint. As it depends on two pixels, one boat in the sample makes
+it fail: select the sample with care. It costs one pass over the sample.
 """
 
 import numpy as np

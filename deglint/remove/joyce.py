@@ -1,8 +1,8 @@
 """Joyce (2004): slope against the NIR, glint-free NIR at its mode.
 
-Assumes that most pixels of the sample are free of glint, so that the mode of the NIR is that of water; this fails above
-a fraction of glint pixels of about 60 %. The most robust of the three classic methods if there is little glint. The
-mode is defined in `deglint.remove.levels.mode`. Costs one pass over the sample and one sort of its NIR values.
+The method assumes that most pixels of the sample are free of glint, so that the mode of the NIR is the NIR of water. It
+fails if more than about 60 % of the pixels have glint. If there is little glint, it is the most robust of the three
+classic methods. `deglint.remove.levels.mode` defines the mode. It costs one pass and one sort of the NIR of the sample.
 """
 
 from .levels import mode
@@ -12,11 +12,10 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - mode NIR).
+    """L'_i = L_i - b_i (NIR - mode NIR), b_i the slope of band i.
 
-    Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, The University of
-    Queensland; as given by Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697, section
-    3.2.
+    Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, University of Queensland; as
+    given in section 3.2 of Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697.
     """
     check_sample(request, stats)
     levels = [mode(stats.index_values(k)) for k in range(len(request.indexes))]

@@ -1,11 +1,12 @@
-r"""Kernels that predict bands from neighbourhoods of references: least squares, their width, and their uncertainty.
+r"""Kernels that predict bands from neighbourhoods of references: their fit, their width, and their uncertainty.
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
 with v(x) the references at every offset of a square of `SIDE` pixels around x, then the bands, all with the mean
-subtracted. One Gram matrix G is kept for each square of `CELL` pixels of the sample; they are summed in any order.
-Groups of squares are left out in turn: the residuals in squares that were not fitted (cross-validation) select the
-support of the kernel, and the scatter of the responses gives their jackknife covariance. Arrays only.
+subtracted. One Gram matrix G is kept for each square of `CELL` x `CELL` pixels of the sample. The response of a kernel
+is the sum of its coefficients, its support the sides of its squares. Groups of squares are left out in turn: the
+residuals in squares that were not fitted (cross-validation) select the support, and the scatter of the responses gives
+their jackknife covariance. Arrays only.
 """
 
 from __future__ import annotations
@@ -25,49 +26,47 @@ from .detrend import detrend
 from .reference import LEAST_OPEN
 
 SIDE = 5  # side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene
-KERNEL_REACH = SIDE // 2
-KERNEL_RIDGE = 1e-6
-"""Ridge added to the diagonal against singular matrices, relative to its mean; results do not change from 1e-6 to 1e-2.
-"""
+KERNEL_REACH = SIDE // 2  # pixels on each side that the largest kernel needs [pixel]
+KERNEL_RIDGE = 1e-6  # ridge for singular matrices, relative to the mean of the diagonal; 1e-2 gives the same results
 SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
 """Sides of the kernels on the first and on the second reference, smallest first [pixel]."""
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
-"""The same if the second reference is SWIR. It is always used: it distinguishes glint from turbid water, which is
-bright in the NIR; the noise by which supports are compared does not show this advantage."""
+"""The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
+is bright in the NIR, and the noise by which supports are compared does not show this advantage."""
 WORTH = 0.01  # least relative reduction of noise by a wider kernel, by a second reference, or by the removal
 FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
-    """(row, column) of every pixel of a centred square."""
+    """(row, column) of every pixel of a square of this side [pixel], counted from its centre."""
     span = range(-(side // 2), side // 2 + 1)
     return tuple(product(span, span))
 
 
 class LagGrams(NamedTuple):
-    """Gram matrices of [references at every offset | bands], one for each square of the sample."""
+    """A Gram matrix for each square of the sample. Variables are the references at every offset, then the bands."""
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
-    pixels: npt.NDArray[np.int64]  # (square,)
-    places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of its first pixel
+    pixels: npt.NDArray[np.int64]  # (square,): number of pixels in the sums
+    places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of the first pixel of the square
     references: int  # number of references
 
     def some(self, chosen: Mask) -> LagGrams:
-        """The matrices of selected squares."""
+        """The matrices of the squares that are True in a mask (square,)."""
         return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
-        """Variables of one reference in a kernel of this side."""
+        """Rows of a Gram matrix that a kernel of this side [pixel] on one reference (0-based) uses."""
         inside = set(offsets(side))
         return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
 
     @property
     def outputs(self) -> list[int]:
-        """Variables of the bands."""
+        """Rows of a Gram matrix that belong to the bands."""
         return list(range(self.references * SIDE**2, self.grams.shape[1]))
 
     def inputs(self, support: tuple[int, ...]) -> list[int]:
-        """Variables of kernels with these sides on the first, second, ... reference."""
+        """Rows of a Gram matrix that kernels with these sides [pixel] on the first, second, ... reference use."""
         return [c for reference, side in enumerate(support) for c in self.columns(reference, side)]
 
 
@@ -80,11 +79,11 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
-    """Gram matrices of one tile.
+    """Gram matrices of the squares of one tile in which enough pixels have only sample pixels around them.
 
     references, bands : (row, column) each
-    sample : (row, column), True where pixels are used for fitting; all finite
-    size : side of the local mean that is subtracted first; 0 for none [pixel]
+    sample : (row, column), True where pixels are used for fitting; references and bands are finite there
+    size : side of the square whose mean is subtracted around each pixel first; 0 for none [pixel]
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
@@ -119,10 +118,9 @@ def gather(
 
 
 def _gram(variables: Float64, weight: Float64) -> Float64:
-    """Weighted sums of products about the weighted mean; variables (row, variable, column), weights (row, column).
+    """Weighted Gram matrix about the weighted mean, from variables (row, variable, column) and weights (row, column).
 
-    Computed by rows, since BLAS would start its own threads for the product of a whole square; these would compete with
-    the threads that process tiles, which took three times as long on a busy machine.
+    Products are computed by rows: for a whole square BLAS would start threads that compete with the threads for tiles.
     """
     mean = np.einsum("rvc,rc->v", variables, weight) / weight.sum()
     centred = variables - mean[:, None]
@@ -137,7 +135,7 @@ def merge(parts: Sequence[LagGrams]) -> LagGrams:
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
-    """Least squares coefficients (input, output), with a small ridge."""
+    """Least squares coefficients (input, output), with a ridge; inputs and outputs are rows of the Gram matrix."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
@@ -146,33 +144,38 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares of each output."""
+    """Residual sum of squares (output,) with coefficients (input, output); inputs, outputs: rows of the Gram matrix."""
     rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
     return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
 
 
 class BandSet(NamedTuple):
-    """Bands with the same references; `bands` are indexes into the request's bands to correct."""
+    """Bands with the same references."""
 
-    references: tuple[int, ...]
-    bands: tuple[int, ...]
+    references: tuple[int, ...]  # 0-based bands of the scene
+    bands: tuple[int, ...]  # places in `FitRequest.correct`
 
 
 class KernelFit(NamedTuple):
-    """Kernels of one set of bands."""
+    """Kernels of bands that have the same references and the same support."""
 
-    references: tuple[int, ...]
-    bands: list[int]
+    references: tuple[int, ...]  # as in `BandSet`
+    bands: list[int]  # as in `BandSet`
     support: tuple[int, ...]  # side of the kernel on each reference [pixel]
     coefficients: Float64  # (variable, band)
-    response: Float64  # (band,), to uniform glint
-    left_out: Float64  # (group, band), the response without each group of squares
-    loss: Float64  # (band,), residual power in squares that were not fitted, relative to the power of the band
-    pixels: int
+    response: Float64  # (band,): change of a band if its NIR rises by 1 everywhere
+    left_out: Float64  # (group, band): the response fitted without each group of squares; empty for a single group
+    loss: Float64  # (band,): residual power in squares that were not fitted, relative to the power of the band
+    pixels: int  # pixels of the fit
 
 
 def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
-    """The kernels of a set of bands, for each support that is best for some of them."""
+    """Fit the kernels of a set of bands; one `KernelFit` for each support that is chosen for some of the bands.
+
+    supports : sides of the kernels on the first, second, ... reference to choose from, smallest first [pixel]
+
+    Raises FitError: the first reference does not vary, or numbers are too large.
+    """
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
     edges = np.arange(count + 1) * len(grams.grams) // count
     groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
@@ -197,7 +200,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group of a fit to the other groups, relative to the power of the band."""
+    """Residual power (group, band), relative to the band, of kernels fitted to the other groups (or the only group)."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -205,10 +208,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The support of each band: the one that is best for all bands, unless another is clearly better for a band.
-
-    losses : residual relative power of each support, (group, band)
-    """
+    """Support of each band: the best of all bands, if none is clearly better; `losses`: (group, band) by support."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -220,9 +220,9 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """The supports, smallest first, with at most `WORTH` more noise than the best, or with no significant excess.
+    """Supports, smallest first, with at most `WORTH` more noise than the best, or no significant excess.
 
-    losses : residual power of each support in each group
+    losses : residual power (group,) by support
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
     best, out = losses[least], []
@@ -235,7 +235,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Change of each band if its NIR rises by 1 everywhere; the second reference changes as the first predicts."""
+    """Change of each band (output,) if its NIR rises by 1 everywhere, and other references as the NIR predicts."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -247,11 +247,12 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    r"""Responses s of all bands, the mean over strips, and their covariance by the jackknife over G groups.
+    r"""Responses s of all bands, (band,), and their covariance V, (band, band), by the jackknife over G groups.
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
-    with s_{-g} the responses without group g.
+    with s_{-g} the responses without group g. If a band has several fits (kinds of strips), s is their mean, weighted
+    by pixels. With fewer than two groups, the standard error of a response is the response itself.
     """
     share = np.zeros(bands)
     for f in found:

@@ -1,9 +1,9 @@
 """Kutser, Vahtmae and Praks (2009): glint by the depth of the oxygen absorption at 760 nm.
 
-Light reflected at the surface has the oxygen absorption of the atmosphere, which is weak in light from shallow bright
-bottoms. The depth of the absorption is therefore the glint index, instead of the NIR, and the method works where water
-is not black in the NIR. Needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are not
-corrected for the atmosphere.
+Light that the surface reflects shows the oxygen absorption of the atmosphere; light from a shallow bright bottom shows
+it weakly. The glint index is therefore the depth of this absorption instead of the NIR, and the method works where
+water is not black in the NIR. It needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are
+not corrected for the atmosphere.
 """
 
 from dataclasses import replace
@@ -21,7 +21,7 @@ def plan(request: FitRequest) -> SamplePlan:
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     """Fit the glint spectrum G to the depth D of the oxygen absorption band at 760 nm.
 
-    R'_i = R_i - G_i D / D_max with D = (R_739 + R_775) / 2 - R_760 and G = R(at D_max) - R(at D_min).
+    R'_i = R_i - G_i D / D_max, with D = (R_739 + R_775) / 2 - R_760 and G_i = R_i(at D_max) - R_i(at D_min).
 
     Kutser, Vahtmae, Praks (2009), "A sun glint correction method for hyperspectral imagery containing areas with
     non-negligible water leaving NIR signal", Remote Sensing of Environment 113, 2267-2274,
@@ -35,6 +35,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _with_depth(request: FitRequest) -> FitRequest:
+    """The request with the depth of the oxygen absorption as the only glint index."""
     bands = tuple(request.nearest(w, 5, "kutser") for w in (739, 760, 775))
     depth = GlintIndex(bands, (0.5, -1.0, 0.5))
     return replace(request, indexes=(depth,), follows=(0,) * len(request.correct))

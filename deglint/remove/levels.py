@@ -1,4 +1,4 @@
-"""Glint-free level of a glint index: minimum, percentile, mean or mode of the sample.
+"""Glint-free level of a glint index: the mode of a sample (`mode`), or one level for all bands (`shared_level`).
 
 References
 ----------
@@ -24,52 +24,52 @@ from .kernels import FOLDS
 _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
 _BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
-LEAST_GLINT = 0.2  # share of the sample with the least glint, whose median prediction is the level [%]
+LEAST_GLINT = 0.2  # share of the sample with the least glint [%]; the median of its predictions is the level
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
-"""If the range of the lower half of the predictions is below this share of the range of strong glint (median to 99th
-percentile), most pixels have no glint and differ by noise, so that the minimum is not the level: this percentage of
-pixels is then used [%]. The share is .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m.
-"""
+"""The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
+percentile: .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m. If it is below
+`MOSTLY_CLEAR`, most pixels have no glint and differ by noise, so that the minimum is not the level: the level is then
+the median of the lowest `LEAST_CLEAR` percent of the predictions."""
 AVERAGED, SPARSE = 3, 0.1
-"""If that share is below a tenth, there is water without glint, and the least glint is searched in means of 3 x 3
-pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level. Larger
-shares occur for pixels that do not resolve glint."""
+"""If the span is below `SPARSE`, there is water without glint, and the least glint is searched in means of `AVERAGED` x
+`AVERAGED` pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level.
+The span is larger if pixels do not resolve glint."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""Ratio of the distances of the 1st and the 10th percentile of the predictions from their median, above which the lower
-half is noise and not the floor that glint has: 1.82 for a normal distribution, 1.1 to 1.5 where pixels have glint. And
-the largest even share with which glint is rare: 0 to .1 for rare sparkle, .4 to 1 for dense glint, whose lower half may
-be as wide."""
+"""The lower half of the predictions is noise, and most pixels have no glint, under two conditions. The distance of the
+1st percentile from the median is more than `NORMAL_TAIL` times the distance of the 10th: 1.82 for a normal
+distribution, 1.1 to 1.5 where pixels have glint. And the even share (`even_share`) is below `RARE`: 0 to .1 for rare
+sparkle, .4 to 1 for dense glint."""
 SHEET_SPAN = 0.3
-"""If that share is larger, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image does not show
-how much of the minimum is water and how much an even sheet of glint."""
+"""If the span is at least `SHEET_SPAN`, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image
+does not show how much of the minimum is water and how much is an even sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
-"""Percentile of strong glint [%], and the width of the surrounding area that is excluded because of negative lobes
-[pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the pixels remain if glint has the size
-of a pixel."""
+"""Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
+excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the
+pixels remain if glint has the size of a pixel."""
 NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
-"""Share of the half of the sample with less glint that may be zero or negative in a band after removal [%]. There it
-depends on the level; under strong glint pixels become negative by errors of the kernels. And the share of the whole
-sample, where the level is below the least glint: less than 1 %, with a margin for what lies outside the sample."""
+"""Share of the pixels that may be zero or negative in a band after removal [%]. `NEGATIVE` holds for the half of the
+sample with less glint, where it depends on the level; under strong glint, errors of the kernels make pixels negative.
+`NEGATIVE_OF_ALL` holds for the whole sample if the level is below the least glint: 1 %, less a margin for pixels
+outside the sample."""
 DARKER = 0.75
-"""Largest ratio of the NIR of water to its visible, relative to that of glint. It rises with sediment (Doxaran et al.
+"""Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
 turbid estuaries only; mirrored sky and haze have .4 to .75."""
-LEVEL_PIXELS = 50_000
-"""Pixels of the sample from which the error of the level is estimated: 50 of them have the least glint [pixel]."""
+LEVEL_PIXELS = 50_000  # pixels from which the error of the level is estimated: about 100 of them have the least glint
 LEAST_OF_MEDIAN = 0.5
 """Largest ratio of the least glint to the median glint of a sheet, which waves make uneven: .23 to .48 for simulated
 pixels of 1.6 to 10 m."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:
-    """Mode of a sample, for float and integer data alike.
+    """Mode of n values (pixel,), for float and integer data alike.
 
-    The peak of a Gaussian kernel density (Parzen 1962). Its bandwidth is the optimum for the derivative of a density, h
-    = (4/5)^(1/7) s n^(-1/7) (Silverman 1986): that for the density itself leaves several local maxima. The scale s is
-    1.4826 times the median distance of the values below the mode from it, determined together with the mode by
-    iteration, so that it is not affected by glint, which lies above. The density is computed on a histogram of bins h/8
-    wide and the peak refined by a parabola. Where values come in steps (integers, or integers times a scale), a bin
-    contains an integer number of steps and is centred on them, so that bins are filled evenly.
+    The mode is the peak of a Gaussian kernel density (Parzen 1962). Its bandwidth h = (4/5)^(1/7) s n^(-1/7) is the
+    optimum for the derivative of a density (Silverman 1986); the optimum for the density itself leaves several local
+    maxima. The scale s is 1.4826 times the median distance from the mode of the values below the mode. It
+    is determined together with the mode by iteration, so that glint, which lies above, does not affect it. The density
+    is computed on a histogram of bins h/8 wide, and a parabola refines the peak. Where values come in steps (integers,
+    or integers times a scale), a bin contains an integer number of steps and is centred on them.
 
     Raises FitError: there are no values.
 
@@ -98,11 +98,11 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
 
 
 def even_share(sample: npt.NDArray[np.floating]) -> float:
-    """Share of a sample's variance that is distributed evenly about its median: about 1 for noise, nearly 0 for glint.
+    """Share of the variance of values (pixel,) that is distributed evenly about their median.
 
-    Glint only adds light, so variation below the median has other causes, noise or reflected sky, which contribute
-    equally above it. The share is 2 L / (L + U), with L and U the mean squares of the distances of the lower and of the
-    upper half from the median, within its step if values are quantised. It is above 1 if the lower half is wider.
+    It is about 1 for noise and nearly 0 for glint. Glint only adds light, so variation below the median has other
+    causes, noise or reflected sky, which contribute as much above it. The share is 2 L / (L + U), with L and U the mean
+    square distances of the lower and of the upper half from the median. It is above 1 if the lower half is wider.
 
     Raises FitError: there are no values.
 
@@ -126,7 +126,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:
-    """Position of the maximum of the density of sorted values, smoothed for this scale."""
+    """Position of the maximum of the density of sorted values; `mode` explains the scale s and the step."""
     bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
     fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
@@ -144,7 +144,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
 
 
 def _step(ordered: Float64) -> float:
-    """Quantisation step of values; 0 for continuous values."""
+    """Quantisation step of sorted values; 0 for continuous values."""
     distinct = ordered[np.concatenate([[True], np.diff(ordered) > 0])]
     if distinct.size < 2 or distinct.size > ordered.size / 2:
         return 0.0
@@ -154,7 +154,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position of the highest count (middle of a plateau), refined by a parabola."""
+    """Position [bin] of the highest count, refined by a parabola; of several equal counts the middle."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -166,39 +166,43 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The sample without the surroundings of strong glint, where resampling causes values that are too low."""
+    """The sample (row, column) without pixels near strong glint, where resampling causes values that are too low."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
 
 @dataclass(frozen=True, eq=False)
 class LevelSample:
-    """Pixels of a sample from which the common level is determined."""
+    """Pixels of a sample from which the glint-free level is determined, together for all bands (`shared_level`)."""
 
-    prediction: FloatArray  # (band, pixel), of the kernels
-    value: FloatArray  # (band, pixel)
+    prediction: FloatArray  # (band, pixel): NIR of each band as its kernel predicts it [unit of the NIR]
+    value: FloatArray  # (band, pixel) [unit of the band]
     around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
-    local: FloatArray  # (band, pixel): prediction minus value over slope, local mean; empty: pixels count
-    apart: Mask  # (pixel,): may determine the level; all may if there are none
+    local: FloatArray  # (band, pixel): local mean of prediction - value / slope; empty: single pixels are used instead
+    apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
     def some(self, which: Any) -> LevelSample:
-        """A part of the pixels, by mask or slice."""
+        """The pixels that a mask (pixel,) or a slice selects."""
         return LevelSample(*(values[..., which] for values in vars(self).values()))
 
 
 def shared_level(
     sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
 ) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band [unit of its NIR], and three values of it: the lowest possible, the chosen one, the median.
+    """Level of each band, (band,), and three levels common to the bands [unit of the NIR].
 
+    slopes : (band,), glint of the band over glint of its NIR
+    visible : (band,), True for visible bands; they limit the NIR of the water
     resolved : pixels are smaller than waves
 
-    Where every pixel may hold glint, and a pixel holds several waves, the least of it is no level. What a band exceeds
-    the predicted glint by does not depend on glint: b / s - p = w_b / s - w_NIR, with w of the water. As w_NIR is at
-    most `DARKER` times w_b / s of a visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. Nor is a
-    sheet even: the least glint is at most `LEAST_OF_MEDIAN` times the median. Where waves are resolved, some face away
-    from the sun, and the least glint is the level; errors of the kernels make single pixels of such a sheet negative,
-    so that local means must be positive.
+    The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
+    least prediction over the sample, raised so that (almost) no pixel becomes negative. Where every pixel may have
+    glint because it contains several waves, the level may be lower. A band b exceeds the predicted NIR p by b / s - p =
+    w_b / s - w_NIR, which depends on the water w and not on glint. As w_NIR is at most `DARKER` times w_b / s of a
+    visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. The level is also not so low that the least
+    glint would exceed `LEAST_OF_MEDIAN` times the median glint. Where waves are resolved, some face away from the sun,
+    and the least prediction is the level; errors of the kernels make single pixels negative there, so local means must
+    be positive.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
@@ -215,7 +219,7 @@ def shared_level(
     excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
-        """Level with which no more than a share [%] of the pixels is negative in any band, at most the median."""
+        """Lowest level, up to the median, with at most `negative` % of the pixels in `where` negative in any band."""
         short = [
             (_highest(over[inside], negative) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
@@ -251,13 +255,13 @@ def _normal_tail(together: FloatArray) -> bool:
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """Glint in the NIR of each band, relative to the mean: references differ in wavelength and time."""
+    """Glint in the NIR of each band over its weighted mean, (band,); 1 for all bands unless all are positive."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
 def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
-    """Highest NIR of the water, from what the visible bands exceed the predicted glint by; infinite without them."""
+    """Highest possible NIR of the water, from the excess of visible bands (`shared_level`); infinite without them."""
     if visible is None or not visible.any():
         return np.inf
     together = slopes @ sample.prediction
@@ -267,7 +271,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def _span(sample: LevelSample, together: FloatArray) -> float:
-    """How far the calmer half of the predictions spans, over what strong glint spans."""
+    """The span, as defined at `MOSTLY_CLEAR`, of the predictions of all bands together (pixel,)."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together[sample.apart] if sample.apart.any() else together
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
@@ -276,11 +280,12 @@ def _span(sample: LevelSample, together: FloatArray) -> float:
 def shared_level_error(
     sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
 ) -> float:
-    """Standard error of the level [unit of the NIR].
+    """Standard error of the level [unit of the NIR]; the arguments are as for `shared_level`.
 
-    The jackknife over groups of neighbouring pixels of the sample. Where every pixel may hold glint, also that of a
-    level between the lowest possible and the one chosen, which is the likeliest (a triangle: the interval over root 6).
-    Errors of the removal may have raised the level above the NIR that water can have; the interval includes that.
+    It is estimated by the jackknife over groups of neighbouring pixels. Where every pixel may have glint, a second term
+    is added: the level is then distributed as a triangle from the lowest possible level to the chosen one, which is the
+    likeliest, with a standard error of the interval over the root of 6. Errors of the removal may have raised the level
+    above the NIR that water can have; the interval includes this NIR.
     """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]

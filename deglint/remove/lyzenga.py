@@ -1,7 +1,7 @@
 """Lyzenga, Malinas and Tanis (2006): covariance over variance, glint-free NIR at its mean.
 
-Assumes that water and glint vary independently over the sample. The mean of the sample is preserved, so the mean glint
-stays in the image: differences within a band are correct, absolute values are not. Costs one pass over the sample.
+The method assumes that water and glint vary independently over the sample. It preserves the mean of the sample, so the
+mean glint stays in the image: differences in a band are correct, absolute values are not. It costs one pass.
 """
 
 from .model import GlintModel
@@ -10,7 +10,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - r_ij (L_j - mean L_j), r_ij = cov(i, j) / var(j).
+    """L'_i = L_i - r_ij (L_j - mean L_j), r_ij = cov(i, j) / var(j), with j the NIR.
 
     Lyzenga, Malinas, Tanis (2006), "Multispectral bathymetry using a simple physically based algorithm", IEEE
     Transactions on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.

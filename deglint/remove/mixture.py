@@ -1,14 +1,14 @@
-r"""Mixture: removal of the glint common to the bands after strong glint was replaced, by 3 x 3 pixels of NIR and red
-edge.
+r"""Mixture: removal of the weak glint that is left after strong glint was replaced.
 
 .. math:: L'_b = L_b - (p_b - p_{b0}), \qquad p_b(x) = \sum_r \sum_o k_{bro} L_r(x + o)
 
-with the kernels k fitted without subtraction of a local mean: the signal that remains after an opening is faint glint,
-swell and reflected sky, which vary over longer distances. It is symmetric about its level, so the difference may be
-negative. The kernels minimise the sum of the root mean squares of the sample's squares: this gives little weight to
-squares with an object under glint, to which least squares would be sensitive.
+with r the NIR and red-edge references and o the offsets in 3 x 3 pixels. The kernels k are fitted without subtraction
+of a local mean: the signal that remains after an opening is faint glint, swell and reflected sky, which vary over
+longer distances. It is symmetric about its level p_b0, so the difference may be negative. The kernels minimise the sum
+of the root mean square residuals of the squares of the sample. This gives little weight to squares with an object under
+glint, to which least squares would be sensitive.
 
-This is the removal in a compensation with an opening (`deglint.compensate`). Fails where the references show the
+This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
 bottom. Red edge is not used if it would remove a turbid plume in the sample.
 """
 
@@ -30,22 +30,22 @@ from .wiener import SampleTile
 
 MIXTURE_SIDE = 3  # side of the kernels [pixel]
 REWEIGHTED = 5  # iterations of reweighting: the error on simulated seas changes by less than 1 % after the third
-LEAST_LEFT = 0.1  # lower limit of the mean square of a square, relative to the median, so that no single one dominates
+LEAST_LEFT = 0.1  # lower limit of the mean square residual of a square, relative to the median: none may dominate
 TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (740, 0.2), (850, 0.1)])
 """Wavelength [nm] and relative brightness of a plume of sediment, bright from the green to the red."""
 PLUME, PLUME_PERCENTILE = 0.5, 10.0
-"""Brightness of a plume relative to that of the water, which is this percentile of a band [%]."""
+"""Brightness of a plume relative to the water, and percentile of a band that estimates the water [%]."""
 LEAST_KEPT = 0.75
-"""Least gain of a plume in every tile with which red edge is used; smaller plumes are preserved better."""
+"""Red edge is used if the gain of a plume added to every tile is at least this; smaller plumes are preserved better."""
 
 
 def fit(
     request: FitRequest, tiles: Sequence[SampleTile], percentile: float, cut: Sequence[float] | None = None
 ) -> GlintModel:
-    """Fit kernels and levels to tiles after an opening; the difference of the model may be negative (`signed`).
+    """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
     percentile : percentile of the prediction that is its level [%]
-    cut : decrease of the mean of each band of the scene, caused by replacing noise above the background; it is added
+    cut : decrease of the mean of each band of the scene, which replacing noise above the background caused; it is added
         to the level [unit of the band]
 
     Raises FitError: too little water.
@@ -71,7 +71,7 @@ def fit(
 def _fitted(
     request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]
 ) -> GlintModel:
-    """Kernels, without levels."""
+    """Fit the kernels of each band on the NIR and on the longer bands of `more` (0-based); the levels are 0."""
     every = (*nir, *more)
     parts = [
         gather([t.block[r] for r in every], [t.block[b] for b in request.correct], t.sample, size=0) for t in tiles
@@ -96,7 +96,7 @@ def _fitted(
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
-    """Coefficients (input, 1) that minimise the sum of the root mean squares of the squares."""
+    """Coefficients (input, 1) that minimise the sum, over the squares, of the root mean square residual."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
@@ -109,7 +109,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Gain of a turbid plume in the sample: the least share of its brightness that removal preserves in a band."""
+    """Gain of a turbid plume added to the tiles, with references `nir` and `more` (0-based); least of the bands."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -1,12 +1,12 @@
 """The linear model that all methods fit.
 
-All methods here take a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from
-every other band a multiple of the excess of g over its glint-free level:
+All methods compute a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from every
+other band i a multiple of the excess of g over its glint-free level g0:
 
     L'_i = L_i - b_i (g - g0)
 
 They differ only in the index, in the slopes b_i and in the level g0, so that one model class serves all of them. Most
-methods are pointwise; an index with offsets is a kernel over neighbouring pixels, and then a tile needs
+methods are pointwise. An index with offsets is a kernel over neighbouring pixels, and a tile then needs
 `GlintModel.halo` more pixels around it. The result does not depend on tiles, to the bit.
 """
 
@@ -26,12 +26,12 @@ from ..scene import FloatArray
 from .reference import ReferenceRule
 from .strips import Strips
 
-FORMAT = 1
+FORMAT = 1  # version of the JSON text of a model
 
 
 @dataclass(frozen=True, slots=True)
 class GlintIndex:
-    """g = sum of weight * band, and its glint-free level."""
+    """A glint index g = sum of weight * band, and its glint-free level g0."""
 
     bands: tuple[int, ...]  # 0-based bands of the index
     weights: tuple[float, ...]  # of each band
@@ -39,7 +39,7 @@ class GlintIndex:
     offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
 
     def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> Float64:
-        """Weighted sum of bands at the pixel itself, in float64; the level is not subtracted."""
+        """Weighted sum, (row, column), of the bands at the pixel itself, in float64; the level is not subtracted."""
         total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
         for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
             total += weight * planes[band].astype(np.float64)
@@ -48,20 +48,20 @@ class GlintIndex:
 
 @dataclass(frozen=True, slots=True)
 class BandFit:
-    """Relation of one band to the glint index."""
+    """Relation of one band to its glint index."""
 
     band: int  # 0-based
     name: str
-    index: int  # number of its index among the model's indexes
+    index: int  # place of the glint index in `GlintModel.indexes`
     slope: float  # b_i [unit of the band per unit of the index]
     stderr: float | None = None  # standard error of the slope; None if the method does not estimate the slope
     r2: float | None = None  # share of the band's variance in the sample that the index explains
-    n: int = 0  # pixels in the fit
+    n: int = 0  # pixels of the sample that were fitted
 
 
 @dataclass(frozen=True, slots=True)
 class GlintModel:
-    """A fitted removal: plain values, to print, save, and apply to this scene or another.
+    """A fitted removal as plain values, to print, to save, and to apply to this scene or another.
 
     Attributes
     ----------
@@ -71,21 +71,21 @@ class GlintModel:
     fits : tuple of BandFit
         One for each corrected band; other bands are copied.
     band_names : tuple of str
-        All bands of the scene it was fitted on.
+        All bands of the scene to which it was fitted.
     regression : str or None
         Estimator of the slopes.
     warnings : tuple of str
         Warnings about the fit.
     references : tuple of ReferenceRule
-        References in which ships, surf and land are replaced first; empty for pointwise methods.
+        Rules by which ships, surf and land are first replaced in each reference; empty for pointwise methods.
     level_interval : (float, float, float), optional
         Level common to all bands [unit of the index]: lowest without negative bands, chosen, median of the sample.
     level_stderr : float, optional
-        Standard error of that level [unit of the index].
+        Standard error of the chosen level [unit of the index].
     strips : Strips, optional
-        Strips of detectors with opposite band delays, if the scene has such.
+        Strips of detectors with opposite band delays, if the scene has them.
     second : tuple of GlintIndex
-        `indexes` for strips of the second kind.
+        Indexes for strips of the second kind, in the order of `indexes`; empty without strips.
     signed : bool
         Whether a kernel model adds light where its prediction is below the level, as after replacing strong glint.
     """
@@ -105,7 +105,7 @@ class GlintModel:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that applying the model needs."""
+        """Number of pixels that are needed around a tile to apply the model."""
         reach = max((abs(o) for i in self.indexes for at in i.offsets for o in at), default=0)
         return max((r.halo for r in self.references), default=0) + reach
 
@@ -134,6 +134,7 @@ class GlintModel:
         return shown(repr(self), [(a, b.strip()) for a, _, b in lines], bars(known) if known else None)
 
     def _index_name(self, index: GlintIndex) -> str:
+        """The bands of an index as text, with the sides of its kernels, or with its weights if these are not equal."""
         if index.offsets:
             sides = {b: math.isqrt(index.bands.count(b)) for b in dict.fromkeys(index.bands)}
             return " and ".join(f"{self.band_names[b]} ({n} x {n} pixels)" for b, n in sides.items())
@@ -143,12 +144,12 @@ class GlintModel:
         return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
 
     def to_json(self) -> str:
-        """The model as JSON text, with the format's version (what `--save-model` writes); `from_json` reads it."""
+        """The model as JSON text with the version of the format, as `--save-model` writes it; `from_json` reads it."""
         return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
-        """Read a model from the text of `to_json`; InputError if it is not a model, or one of a later format."""
+        """Read a model from the text of `to_json`; InputError if it is not a model, or has another format."""
         try:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
@@ -162,7 +163,7 @@ class GlintModel:
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
         """The same model for a scene with these band names, in any order and case.
 
-        InputError names the bands that the model needs and the scene lacks.
+        Raises InputError: the scene lacks bands that the model needs.
         """
         if names == self.band_names:
             return self
@@ -186,7 +187,7 @@ class GlintModel:
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """Check that the bands and indexes of a saved model exist, and that its lists agree in length."""
+    """Return a saved model if its bands and indexes exist and its lists agree in length; else raise ValueError."""
     indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
     if not (

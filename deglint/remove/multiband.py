@@ -8,10 +8,10 @@ with r over the bands from 640 nm on that are longer than i (only the NIR if wav
 covariance over the sample, and p_i0 the 5th percentile of p_i there. With one reference, no ridge and percentile 0 it
 is Hedley's method.
 
-Assumes that deep water is black, or uniform, in the references; over shoals the red bands show the bottom, and bright
-bottoms become too dark. The ridge prevents large opposite weights of collinear references. Fails, like all linear
-methods, where bands are not simultaneous. Costs one pass over the sample and one multiplication per pixel, band and
-reference.
+The method assumes that deep water is black, or uniform, in the references. Over shoals the red bands show the bottom,
+and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails,
+like all linear methods, where bands are not simultaneous. It costs one pass over the sample and one multiplication per
+pixel, band and reference.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
-    """0-based bands on which a band is regressed: all from 640 nm on with a longer wavelength."""
+    """0-based bands on which a band is regressed: the longer ones from 640 nm on; if there are none, the NIR."""
     own = request.bands[band].wavelength
     nir = {b for index in request.indexes for b in index.bands}
     if own is None or any(request.bands[b].wavelength is None for b in nir):
@@ -41,14 +41,14 @@ def references(request: FitRequest, band: int) -> tuple[int, ...]:
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments of all bands involved, and single pixels for the percentile."""
+    """Statistics to gather: moments of the bands and their references, and single pixels for the percentile."""
     used = {r for b in request.correct for r in references(request, b)}
     indexes = tuple(GlintIndex((r,), (1.0,)) for r in sorted(used))
     return SamplePlan(request.correct, indexes, keep="index")
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - (p_i - p_i0), p_i the ridge regression of L_i on all longer bands.
+    """L'_i = L_i - (p_i - p_i0), with p_i the ridge regression of L_i on the longer bands.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67,
@@ -68,7 +68,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights of the references for a band, and the explained share of its variance."""
+    """Weights of the references (variables of the sample) for a band, and the explained share of its variance."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

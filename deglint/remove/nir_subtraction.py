@@ -1,7 +1,7 @@
 """Subtract the NIR itself from every band.
 
-Assumes reflectance (or remote-sensing reflectance): there glint is nearly the same in all bands and water is black in
-the NIR. Wrong for digital numbers or for radiance; over-corrects turbid and shallow water. Needs no sample and no fit.
+The method assumes (remote-sensing) reflectance, in which glint is nearly equal in all bands and water is black in the
+NIR. It is wrong for digital numbers and radiance, over-corrects turbid and shallow water, and needs no sample.
 """
 
 from .model import GlintModel

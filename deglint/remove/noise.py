@@ -9,7 +9,7 @@ from ..scene import FloatArray
 from .detrend import SIZE, detrend
 
 FAINT = 10.0
-"""Standard deviations of noise at which glint leaves as much error as noise: kernels leave about a tenth of it."""
+"""Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
 
 
 def spread(values: FloatArray) -> float:
@@ -18,10 +18,11 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of a band's noise at the radiance of water, from second differences in the darker half.
+    """Standard deviation of the noise of a band over water, from second differences along columns in the darker half.
 
-    planes, inside : (row, column) of each tile. After Immerkaer (1996), Computer Vision and Image Understanding 64,
-    300-302, doi:10.1006/cviu.1996.0060, along the diagonals.
+    planes, inside : (row, column) of each tile, the values of the band and True where a pixel is used
+
+    After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """
     import cv2
 
@@ -36,11 +37,12 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
 
 
 def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
-    """Weight of each pixel: the inverse variance of the residual of kernels, noise and an error proportional to glint.
+    """Weight of each pixel (row, column) in a fit of kernels: the inverse variance of its residual, relative to noise.
 
     .. math:: 1 / (1 + (h / k s)^2)
 
-    with h the NIR minus its local mean, s its noise and k `FAINT`.
+    with h the NIR minus its local mean (over `size` pixels, or 15 if 0), s the standard deviation of its noise and k
+    `FAINT`: the residual is noise and an error proportional to glint. The weight is 0 outside the sample.
     """
     high = detrend(nir[None], sample, size or SIZE)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))

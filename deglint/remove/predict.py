@@ -1,7 +1,7 @@
 """Apply a model: predict the glint in each band, pixel by pixel or from a neighbourhood of the references.
 
-The result does not depend on tiles, to the bit: OpenCV's filters process the last columns of an image by other
-instructions, so columns are added that are removed afterwards. Arrays only.
+The result does not depend on tiles, to the bit. As the filters of OpenCV process the last columns of an image with
+other instructions, spare columns are added first and removed afterwards. Arrays only.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ SPARE = 16  # columns that are added: at least as many as OpenCV's filters proce
 
 
 def bordered(values: FloatArray) -> FloatArray:
-    """A reference with the border that `predicted` needs: mirrored at its edges, and with spare columns."""
+    """A reference (row, column) with the border that `predicted` needs: mirrored at its edges, with spare columns."""
     import cv2
 
     wide = cv2.copyMakeBorder(
@@ -33,10 +33,12 @@ def bordered(values: FloatArray) -> FloatArray:
 def predicted(
     references: Mapping[int, FloatArray], model: GlintModel, k: int, origin: tuple[int, int] = (0, 0)
 ) -> FloatArray:
-    """Prediction of index `k` of a model, (row, column); two kinds of strips are blended at their seams.
+    """Prediction of index `k` of a model, (row, column), without the border of the references.
 
-    references : by 0-based band, (row, column), finite, from `bordered`
-    origin : row and column in the scene of the first pixel
+    references : (row, column) by 0-based band, finite, from `bordered`
+    origin : row and column in the scene of the first pixel without the border
+
+    If the model has two kinds of strips, their predictions are blended where they meet.
     """
     first = _filtered(references, model.indexes[k])
     if model.strips is None:
@@ -49,7 +51,7 @@ def predicted(
 
 
 def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
-    """Weighted sum of the references at the offsets of an index."""
+    """Weighted sum of the references at the offsets of an index, (row, column) without their border."""
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
@@ -80,13 +82,13 @@ def glint(
     """Glint in each band that a kernel model corrects.
 
     block : (band, row, column), physical values, NaN where not valid; a tile needs `model.halo` more pixels around
-    water : (row, column), water in the references; other pixels, and NaN, are replaced by the water around
+    water : (row, column), True over water; in the references other pixels, and NaN, are replaced by the water around
     origin : row and column of the block in the scene, for strips [pixel]
     crop : halo above, below, left and right [pixel]
 
-    Returns the glint by 0-based band, (row, column) without the halo, never negative unless the model is signed, and
-    meaningful only over water; and the water where a reference exceeds its surroundings by more than glint does, and is
-    replaced by their mean, None if there is none.
+    Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
+    and never negative unless the model is signed. Also returns a mask of the water pixels where a reference exceeds its
+    surroundings by more than glint does, so that it is replaced by their mean; None if there are no such pixels.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays
@@ -135,17 +137,17 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        NaN where not valid. Not modified.
+        Physical values, NaN where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit. It is also the water mask of references.
+        True where pixels are corrected; others are copied bit for bit. For kernels it is also the mask of water.
     out : ndarray like block, optional
         Array for the result; may be `block` itself.
 
     Returns
     -------
     (band, row, column) ndarray
-        Same dtype as block, computed in float64. A NaN band stays NaN; where an index is NaN, its bands become NaN.
+        Same dtype as the block. A NaN in a band stays NaN; a NaN in a pointwise index makes the bands of the pixel NaN.
 
     Raises
     ------

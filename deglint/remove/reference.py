@@ -1,8 +1,8 @@
 """The reference (NIR or SWIR) of a band, with ships, surf and land replaced by the water around them.
 
 A ship is as bright in the NIR as glint, and would be removed with it. Glint has nearly the same strength all over the
-sea. So a pixel that exceeds the mean of the water around it by more than glint does elsewhere is not glint; it is
-replaced by that mean. So are land, nodata, and the mixed pixels along their edges.
+sea. So a pixel that exceeds the mean of the water around it by more than glint does elsewhere is not glint, and is
+replaced by that mean. Land, nodata, and the mixed pixels along their edges are replaced in the same way.
 
 Local means are computed from sums of integers, which are exact: the result does not depend on tiles, to the bit. Arrays
 only.
@@ -19,38 +19,38 @@ from ..morphology import grown
 from ..scene import FloatArray
 
 SIZE = 15  # side of the square for local means [pixel]: several waves, and less than a plume
-LEAST_OPEN = 0.15  # least share of open water in a square whose largest excess is used
+LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
-"""Limit of the excess of glint: this factor times the largest excess in the quarter of the squares with the lowest
-maxima. Ships raise the maxima of a port's squares, while a long tail of sparkle is in every square: the maximum of a
-scene is 1.4 to 2.2 times that of the lowest quarter, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
+"""A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
+Ships raise the maxima in the squares of a port, while a long tail of sparkle is in every square: the maximum of a scene
+is 1.4 to 2.2 times this percentile, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
 LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
-GRAINS = 65535  # largest quantised value, for exact sums; the sum of 225 of them stays below 2^31
+GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 225 of them stays below 2^31
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceRule:
-    """Criterion for pixels that exceed the water around them by more than glint does; plain values."""
+    """Criterion for pixels of a reference that exceed the water around them by more than glint does; plain values."""
 
     band: int  # 0-based band that serves as reference
     limit: float  # largest excess of glint above the mean of the water around it [unit of the band]
-    least: float  # values below this never exceed their surroundings [unit of the band]
+    least: float  # smaller values cannot exceed the water around them by more than `limit` [unit of the band]
     low: float  # for local means, values are quantised: (value - low) / step as integers [unit of the band]
     step: float
     edge: int = 1  # width of the mixed pixels around anything that is not open water [pixel]
 
     @property
     def halo(self) -> int:
-        """Pixels that `clean` needs around a tile: three local means, and three edges."""
+        """Number of pixels that `clean` needs around a tile: for three local means, and three edges."""
         return 3 * (SIZE // 2) + 3 * self.edge
 
 
 def fit_reference(
     looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False
 ) -> ReferenceRule:
-    """Measure on open water by how much glint exceeds its surroundings.
+    """Fit the rule of a reference: measure on open water by how much glint exceeds its surroundings.
 
-    looks : (row, column) values of the band, and True on open water away from shores, of each tile
+    looks : for each tile the values of the band, and True on open water away from shores, both (row, column)
     band : 0-based band of the reference
     edge : width of mixed pixels [pixel]; 2 for a band of half the resolution
     sparkle : pixels may resolve sparkle, whose few flashes are brightest: the limit is then at least the value that one
@@ -79,7 +79,7 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the squares of `CELL` pixels with enough sample."""
+    """Rows and columns of the squares of `CELL` x `CELL` pixels of which the sample covers at least `LEAST_OPEN`."""
     for row in range(0, sample.shape[0], CELL):
         for column in range(0, sample.shape[1], CELL):
             square = slice(row, row + CELL), slice(column, column + CELL)
@@ -88,13 +88,13 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """A reference in which all values are those of open water under glint.
+    """Replace in a reference the pixels that are not open water under glint by the mean of the water around them.
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
-    water : (row, column), with or without ships on it
+    water : (row, column), with or without the ships on it
 
-    Returns the reference with the mean of the water around where there is no open water, 0 if there is no water around;
-    and the water where the band exceeds its surroundings by more than glint does, None if there is none.
+    Returns the reference, (row, column), in which pixels without water around them are 0; and a mask of the water
+    pixels that exceed their surroundings by more than glint does, None if there are no such pixels.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
@@ -125,7 +125,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
 
 
 def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
-    """The quantised values; undefined where they are not finite."""
+    """The values, quantised as in the rule; undefined where they are not finite."""
     counted = values - values.dtype.type(rule.low)
     counted /= values.dtype.type(rule.step)
     with np.errstate(invalid="ignore"):
@@ -145,5 +145,5 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
-    """Mean of the values from their quantised sum and number; `rule.low` for no pixels."""
+    """Mean of the values from the sum and the number of their quantised values; `rule.low` for no pixels."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)

@@ -17,21 +17,21 @@ from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, st
 MIN_PIXELS = 64  # fewest pixels for fitting a slope
 FEW_PIXELS = 1000  # a fit to fewer pixels has a warning
 LOW_R2 = 0.3  # a band with a smaller R2 has a warning: the index does not explain it
-SIGNIFICANT = 3.0  # standard errors by which a significant slope exceeds zero
+SIGNIFICANT = 3.0  # a slope that exceeds zero by fewer standard errors has a warning
 
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """Request for a fit."""
+    """What to fit: the bands to correct, their references, and the options of a method."""
 
     bands: tuple[Band, ...]  # all bands of the scene
     correct: tuple[int, ...]  # 0-based bands to correct
     indexes: tuple[GlintIndex, ...]  # NIR references; their levels are not used
-    follows: tuple[int | None, ...]  # index of each band of `correct`; None for the one with the highest R2
+    follows: tuple[int | None, ...]  # place in `indexes` for each band of `correct`; None: the index with highest R2
     regression: str = "ols"  # key of `REGRESSIONS`
-    floor_percentile: float = 0.0  # percentile of the index that is Hedley's level [%]; 0: the minimum, as published
+    floor_percentile: float = 0.0  # percentile that is the level of hedley and multiband [%]; 0: their default
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
-    more: tuple[int, ...] = ()  # bands that are also references for shorter ones (`deglint.remove.further`)
+    more: tuple[int, ...] = ()  # 0-based bands that are also references of shorter bands (`deglint.remove.further`)
     faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
     resolved: bool = False  # pixels are smaller than waves, so that some have no glint
     level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
@@ -49,7 +49,7 @@ class FitRequest:
         return tuple(b.name for b in self.bands)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to a wavelength [nm]; BandError lists the bands if none lies within the tolerance."""
+        """0-based band nearest to a wavelength; BandError if none lies within the tolerance `within` (both [nm])."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -61,7 +61,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics for the regression methods: moments, and single values for a percentile or if the level needs them."""
+    """Statistics to gather for a regression: moments, and single pixels if the regression or the level needs them."""
     size = DETREND_SIZE if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index
@@ -75,9 +75,10 @@ def linear_model(
     stats: SampleStatistics | None = None,
     slopes: Float64 | None = None,
 ) -> GlintModel:
-    """Model with the levels of the indexes and R2 if there is a sample; slopes (band, index) are 1 if there is none.
+    """The model of a method, with the level of each index.
 
-    Where slopes are not given with a sample they are those of the request's regression, with standard errors.
+    Without `stats` (no sample) all slopes are 1. With `stats` but without `slopes` (band, index), the regression of the
+    request determines the slopes and their standard errors.
     """
     shape = len(request.correct), len(request.indexes)
     regression, n, errors, r2 = None, 0, np.full(shape, np.nan), np.full(shape, np.nan)
@@ -124,7 +125,7 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
 
 
 def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:
-    """Warnings about a sample, of bands that the index does not explain, and of unreliable slopes."""
+    """Warnings about a small or uniform sample, bands that the index does not explain, and unreliable slopes."""
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")

@@ -1,12 +1,12 @@
-"""Statistics of the sample for a fit, gathered tile by tile and merged, and the regression of the bands on them.
+"""Statistics of the sample for a fit, gathered tile by tile and merged, and the regression of the bands with them.
 
 The result is the same to the bit for any tiles aligned with the cells of `deglint.moments` and any number of threads:
 moments are merged by cell, single pixels are selected by their position in the scene, and ties are broken by position.
 
 Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
-cells (the cluster-robust estimate of Liang and Zeger 1986), otherwise from pixels as if independent. A cell with much
-of the glint dominates the slope, so that its residuals are too small; they are divided by the share of glint in the
-other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
+cells (the cluster-robust estimate of Liang and Zeger 1986), else between pixels as if they were independent. A cell
+with much of the glint dominates the slope, so that its residuals are too small. They are divided by the share of the
+glint in the other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
 
 References
 ----------
@@ -39,14 +39,14 @@ PAIRED_PIXELS = 2_000  # most pixels in the Theil-Sen regression, which uses all
 
 @dataclass(frozen=True)
 class SamplePlan:
-    """Statistics to gather."""
+    """Which statistics of a sample to gather."""
 
     bands: tuple[int, ...]  # 0-based bands to fit
     indexes: tuple[GlintIndex, ...]  # glint indexes to regress on; their levels are not used
     detrend_size: int = 0  # side of the window whose mean is subtracted before the regression [pixel]; 0 for none
-    keep: str = "nothing"  # which single pixels: "nothing", "index" (for the level), or "all" (for robust regressions)
-    share: int = 1  # keep one pixel in `share`, selected by a hash of row and column
-    levels: int = 0  # cells of a row are kept in groups of 2**levels
+    keep: str = "nothing"  # values kept of single pixels: "nothing", "index" (for the level), or "all" (all variables)
+    share: int = 1  # one in this many pixels is kept, selected by a hash of row and column
+    levels: int = 0  # 2**levels neighbouring cells of a row are merged into one
 
     @property
     def read_bands(self) -> tuple[int, ...]:
@@ -55,17 +55,17 @@ class SamplePlan:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that `gather` needs."""
+        """Number of pixels that `gather` needs around a tile."""
         return self.detrend_size // 2
 
 
 @dataclass(frozen=True, eq=False)
 class Extreme:
-    """The pixel with the smallest (or largest) index: its value, position and spectrum."""
+    """The pixel of a sample with the smallest or with the largest glint index."""
 
-    value: float
-    place: tuple[int, int]
-    spectrum: Float64
+    value: float  # glint index
+    place: tuple[int, int]  # row and column in the scene
+    spectrum: Float64  # (band,), in the order of the plan's bands
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +73,12 @@ class SampleStatistics:
     """Statistics of a sample, or of its part in a tile; variables are the plan's bands, then its indexes."""
 
     plan: SamplePlan
-    raw: CellMoments  # of the values
-    cells: CellMoments  # of the values to which slopes are fitted (detrended if planned), in groups if planned
+    raw: CellMoments  # moments of the variables
+    cells: CellMoments  # moments of the variables to which slopes are fitted: detrended if the plan says so, else `raw`
     darkest: tuple[Extreme, ...]  # one per index; empty without a pixel
     brightest: tuple[Extreme, ...]
-    places: npt.NDArray[np.int64]  # (2, pixels): row and column of the kept pixels, in a whole sample in this order
-    values: FloatArray  # (variables or indexes, pixels): the kept pixels
+    places: npt.NDArray[np.int64]  # (2, pixel): row and column of the kept pixels in the scene; sorted once merged
+    values: FloatArray  # (variable, pixel), or (index, pixel) unless the plan keeps "all": values of the kept pixels
 
     @cached_property
     def moments(self) -> Moments:
@@ -91,7 +91,7 @@ class SampleStatistics:
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
-        """Kept values of index k, shape (pixels,)."""
+        """Kept values of index k, (pixel,)."""
         first = len(self.plan.bands) if self.plan.keep == "all" else 0
         return self.values[first + k]
 
@@ -106,8 +106,8 @@ def gather(
 ) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
-    block : (len(plan.read_bands), rows, columns), physical values of the tile and its halo, NaN where not valid
-    mask : (rows, columns), True where a pixel belongs to the sample (in the halo too)
+    block : (band, row, column), values of the tile with its halo in the bands `plan.read_bands`, NaN where not valid
+    mask : (row, column), True where a pixel belongs to the sample (in the halo too)
     origin : row and column in the scene of the tile's first pixel, not counting the halo [pixel]
     crop : halo of the block: rows above and below, columns left and right [pixel]
     """
@@ -138,8 +138,8 @@ def gather(
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:
     """Merge the statistics of some tiles; the result is the same to the bit for any order of the parts.
 
-    parts : at least one, gathered by this plan or one that keeps more single pixels
-    plan : which single pixels to keep, and which cells to group
+    parts : at least one, gathered with this plan or with a plan that keeps more single pixels
+    plan : says which single pixels are kept, and which cells are merged into one
     """
     some = [p for p in parts if len(p.raw.n)] or parts[:1]
     raw = CellMoments.concatenate([p.raw for p in some]).joined(plan.levels)
@@ -153,12 +153,12 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """For each index the extreme with the smallest value times `sign`; of equal ones the first in the scene."""
+    """For each index the pixel with the smallest value times `sign`; of several equal pixels the first in the scene."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """For each index the first masked pixel where its value times `sign` is smallest."""
+    """For each index the first pixel of the mask where `sign` times the index is smallest; empty without a pixel."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
@@ -168,13 +168,13 @@ def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, 
 
 
 def least_squares(stats: SampleStatistics) -> Float64:
-    """Ordinary least squares, cov(band, index) / var(index); of detrended values for `detrended`."""
+    """Slopes (band, index) by ordinary least squares, cov(band, index) / var(index), detrended if the plan says so."""
     bands = len(stats.plan.bands)
     return np.asarray(stats.regressed.comoment[:bands, bands:] / np.diag(stats.regressed.comoment)[bands:])
 
 
 def huber(stats: SampleStatistics) -> Float64:
-    """Huber's M-estimate (epsilon 1.35, by scikit-learn) on at most `ROBUST_PIXELS` pixels of the sample."""
+    """Slopes (band, index) by Huber's M-estimate (epsilon 1.35, scikit-learn) on at most `ROBUST_PIXELS` pixels."""
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
@@ -189,7 +189,7 @@ def huber(stats: SampleStatistics) -> Float64:
 
 
 def theil_sen(stats: SampleStatistics) -> Float64:
-    """Median of the slopes between all pairs (by SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
+    """Slopes (band, index) by the median over all pairs (SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
     from scipy.stats import theilslopes
 
     with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
@@ -202,14 +202,14 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
     "huber": huber,
     "theil-sen": theil_sen,
 }
-"""Slopes of each band against each index, (band, index)."""
+"""Estimators of the slope of each band against each index, (band, index)."""
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
-    """Standard errors of slopes (bands, indexes): between cells, or as of independent pixels if there are few cells.
+    """Standard errors of slopes (band, index), between cells; with few cells, as of independent pixels.
 
-    Between G cells ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the index's comoment, h_c the share of
-    it in cell c, and s_c the cell's score.
+    Between G cells the error is ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the comoment of the index,
+    h_c the share of cell c in it, and s_c the score of the cell: the comoment of the index with the residual.
     """
     bands = len(stats.plan.bands)
     power = np.diag(stats.regressed.comoment)[bands:]
@@ -231,14 +231,14 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = (C_{ri,c} - C_{rr,c} w) / (1 - p_c),
         \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
 
-    with w the weights of the references, C their comoments, s_c the score of cell c, of G, and p_c its share of the
-    glint: the cluster-robust covariance V of w (CR3 of Bell and McCaffrey 2002, with the leverage of the mixture in
-    place of that of each reference), relative to the standard deviation of the mixture. For one reference it is the
-    slope's standard error over the slope.
+    with i the band, r its references, w their weights, C the comoments, s_c the score of cell c (of G cells), and p_c
+    the share of the cell in the glint, the weighted sum of the references. V is the cluster-robust covariance of w (CR3
+    of Bell and McCaffrey 2002, with the leverage of the weighted sum instead of the leverage of each reference). With
+    one reference the error is the standard error of the slope over the slope.
 
-    The error is infinite if the sample spans fewer than `CLUSTERS` cells or the mixture does not vary. The reliability
-    is the effective number of cells, (sum p)^2 / sum p^2: if a few clumps of sparkle contain most of the glint, the
-    error does not represent others (after Carter, Schnepel and Steigerwald 2017).
+    The error is infinite if the sample spans fewer than `CLUSTERS` cells or the glint does not vary. The reliability is
+    the effective number of cells, (sum p)^2 / sum p^2: if a few clumps of sparkle contain most of the glint, the error
+    does not represent others (after Carter, Schnepel and Steigerwald 2017).
     """
     cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]
@@ -259,7 +259,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """References of a band as variables of its sample, and their weights: one index of the plan, or a mixture."""
+    """References of a band as variables of the sample, and weights: its index if planned, else that index's bands."""
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
     parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]
@@ -267,7 +267,7 @@ def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:
-    """R2 of each band for slopes (bands, indexes); 0 for a band that does not vary."""
+    """R2 (band, index) of each band for the given slopes (band, index); 0 for a band that does not vary."""
     bands = len(stats.plan.bands)
     comoment = stats.regressed.comoment
     total, cross, power = np.diag(comoment)[:bands, None], comoment[:bands, bands:], np.diag(comoment)[bands:]
@@ -276,6 +276,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
+    """Slopes (band, index) by a function of the index and the band, on at most `most` pixels, evenly spread."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

@@ -1,9 +1,9 @@
 """Strips of a scene with opposite band delays, from detectors that look forward and backward in turn.
 
 The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
-that waves are displaced in opposite directions in neighbouring strips, and one kernel for both would fit neither. The
-strip of a pixel is known from the product's footprints, or determined from the image: the kernel of one strip is the
-mirror image of that of the other. Arrays only.
+that waves are displaced in opposite directions in neighbouring strips. There are therefore two kinds of strips, and one
+kernel for both would fit neither. The kind at a pixel is known from the footprints in the product, or determined from
+the image: the kernels of the two kinds are mirror images of each other. Arrays only.
 """
 
 from __future__ import annotations
@@ -18,27 +18,29 @@ from ..moments import CELL, Float64, Mask
 from .kernels import LagGrams, solve, unexplained
 
 SPLIT_WORTH = 0.15
-"""Least relative reduction of noise by two kernels instead of one that indicates strips: 0.27 in a scene of two
-detectors, 0.00 to 0.06 in scenes of one."""
+"""Least relative reduction of noise by two kernels instead of one with which a scene has two kinds of strips: 0.27 in a
+scene of two detectors, 0.00 to 0.06 in scenes of one."""
 ROUNDS = 20  # iterations in which squares are assigned to the better kernel; they converge within five
 LEAST_SQUARES_OF_KIND = 2  # fewest squares of each kind of strip in the sample, for separate kernels
 
 
 @dataclass(frozen=True, slots=True)
 class Strips:
-    """Squares of `CELL` pixels of a scene that lie in strips of the second kind."""
+    """Kind of strip in which each square of `CELL` x `CELL` pixels lies; the kinds have opposite band delays."""
 
-    rows: tuple[str, ...]  # one text per row of squares, with "0" or "1" for each square
+    rows: tuple[str, ...]  # one text per row of squares: "0" for a square of the first kind, "1" of the second
 
     @classmethod
     def of(cls, second: Mask) -> Strips:
-        """From a mask (row of squares, column of squares)."""
+        """Make the strips from a mask (row of squares, column of squares), True for the second kind."""
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 
     def share(self, rows: tuple[int, int], columns: tuple[int, int]) -> npt.NDArray[np.float32]:
-        """Weight of the second kind at each pixel of a window: 0 to 1, with a transition over one square at the seam.
+        """Weight of the second kind, 0 to 1, at each pixel (row, column) of a window; it changes gradually.
 
-        Bilinear interpolation between the centres of the squares, (row, column) of float32; independent of the window.
+        rows, columns : first and last + 1 of the window in the scene [pixel]
+
+        The weight is interpolated bilinearly between the centres of the squares. It does not depend on the window.
         """
         kind = np.array([[c == "1" for c in row] for row in self.rows], np.float32)
         (top, low, down), (left, right, across) = (
@@ -50,17 +52,17 @@ class Strips:
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares before and after each pixel, and the fractional distance from the first to the second centre."""
+    """Numbers of the squares with centres before and after each pixel (pixel,), and its place between them, 0..1."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
 
 
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
-    """Two kernels of 3 x 3 pixels that explain the squares of a sample much better than one; else None.
+    """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one does; else None.
 
-    Squares are assigned to the kernel with the smaller residual, and the kernels are fitted to their squares,
-    alternately; the start is the kernel of all squares and its mirror image.
+    In turn, each square is assigned to the kernel with the smaller residual, and each kernel is fitted to its squares.
+    The start is the kernel of all squares and its mirror image.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
@@ -77,22 +79,23 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
 
 
 def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
-    """Mask of the squares that the second of two kernels explains better."""
+    """Mask (square,) of the squares that the second of two kernels explains better."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual of a kernel of 3 x 3 pixels in each square: sum over bands of relative power."""
+    """Residual power (square,) of a kernel of 3 x 3 pixels, relative to each band's total; sum over the bands."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
 
 
 def filled(known: npt.NDArray[np.int8]) -> Mask:
-    """Squares of the second kind; unknown squares (-1) take the kind of the nearest known one (0 or 1).
+    """Mask of the squares of the second kind, (row of squares, column of squares).
 
-    Isolated squares take the kind of most of their neighbours.
+    Unknown squares (-1) take the kind (0 or 1) of the nearest known square. Isolated squares take the kind of most of
+    their neighbours.
     """
     import cv2
     from scipy.ndimage import distance_transform_edt

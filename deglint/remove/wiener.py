@@ -3,15 +3,14 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 .. math:: L'_b = L_b - \max(p_b - p_{b0}, 0), \qquad p_b(x) = \sum_r \sum_o k_{bro} R_r(x + o)
 
 R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
-and land replaced by the water around (`deglint.remove.reference`). The kernels are least squares over open water, with
-a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between the glint
-of two bands, and average the noise of the reference. Their sums, the responses to uniform glint, are drawn toward the
-spectrum of glint (`shared_glint`); all bands are corrected, or none. There is one level for all bands
-(`deglint.remove.levels`). With a kernel of one pixel, no local mean and the minimum as level it is Hedley's method.
+and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by least squares over open
+water, with a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between
+the glint of two bands, and average the noise of the reference. The sums of their coefficients, the responses to uniform
+glint, are drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or none. The levels p_b0 are
+determined together (`deglint.remove.levels`). It is Hedley's method for one pixel, no local mean and the minimum.
 
-Fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
-for a wrong water mask, and over very shallow water, where the NIR shows the bottom. Costs one pass over 0.3 million
-pixels for the fit.
+The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
+level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
 """
 
 from __future__ import annotations
@@ -41,18 +40,19 @@ from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
-"""Gives row and column of the squares of a tile, and which of them are in strips of the second kind."""
+"""Function that returns, for a tile, row and column in the scene of each square of `CELL` pixels, (square, 2), and a
+mask (square,) of the squares in strips of the second kind (`deglint.remove.strips`)."""
 SAMPLE_SIDE = 192  # side of the tiles of a sample [pixel]
-SURE = 3.0  # standard errors by which the glint common to the bands must exceed zero
+SURE = 3.0  # standard errors by which the glint common to the bands must exceed zero, else nothing is corrected
 SHEET = 0.5
-"""Ratio of glint-free NIR to green after removal, above which the NIR may contain an even sheet of glint. Clear and
-moderately turbid water has .05 to .4, including light scattered by the air."""
+"""Ratio of glint-free NIR to green after removal above which there is a warning: the NIR may contain an even sheet of
+glint. Clear and moderately turbid water has .05 to .4, including light scattered by the air."""
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
 COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
 SUN_ZENITH = 40.0
-"""Sun zenith angle of the expected spectrum, which changes by less than `COLOUR` from 20 to 60 degrees [degree]."""
+"""Sun zenith angle for the spectrum of glint [degree]; the spectrum changes by less than `COLOUR` from 20 to 60."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class SampleTile:
     """A training tile of a scene."""
 
     block: FloatArray  # (band, row, column) physical values of all bands of the scene, NaN where not valid
-    water: Mask  # (row, column), water, also in the references
+    water: Mask  # (row, column), True over water; references are replaced elsewhere
     sample: Mask  # (row, column), pixels used for fitting: water away from shores, or the sample given by the user
     origin: tuple[int, int] = (0, 0)  # row and column of the tile in the scene [pixel]
 
@@ -69,12 +69,14 @@ class SampleTile:
 def fit(
     request: FitRequest, tiles: Sequence[SampleTile], *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
 ) -> GlintModel:
-    """Fit kernels, responses and level; no fits if the bands' common glint is not significant or worth removing.
+    """Fit kernels, responses and level.
 
     request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
     tiles : spread over the scene; 0.3 million pixels are enough
     strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
-        whole scene by the kinds of the squares in its tiles, called if the sample shows two kinds
+        whole scene, called if the sample shows two kinds: its argument determines the kinds of the squares in a tile
+
+    Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
     Raises FitError: too little open water.
 
@@ -117,7 +119,7 @@ def fit(
 
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequence[int]) -> dict[int, ReferenceRule]:
-    """Criterion of each reference for pixels that are not glint."""
+    """Rule for pixels that are not glint, by reference (0-based band)."""
     known = [t.sample & np.isfinite(t.block[references]).all(axis=0) for t in tiles]
     rules = {}
     for r in references:
@@ -130,7 +132,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Row and column in the scene of squares with enough water, and whether they are in strips of the second kind."""
+    """Place (square, 2) and kind (square,) of the squares of a tile with enough water; `pair`: kernels of the kinds."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
@@ -151,7 +153,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Group the squares of the sample by kind of strip; one group if a kind has too few."""
+    """Group the squares of the sample of each set of bands by kind of strip; one group if a kind has too few."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -160,7 +162,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
-    """Group bands by their references: the NIR taken with them, SWIR or another NIR, then those of the request."""
+    """Group the bands to correct by references: the NIR taken with them, SWIR or other NIR, `FitRequest.more`."""
     out: dict[tuple[int, ...], list[int]] = {}
     # SWIR near 1610 nm, which does not show turbid water; then a second NIR
     waves = [b.wavelength or 0.0 for b in request.bands]
@@ -176,6 +178,7 @@ def band_sets(request: FitRequest) -> list[BandSet]:
 
 
 def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...], ...]:
+    """Supports to try for a set of bands: sides of the kernels on each of its references [pixel]."""
     count = len(band_set.references)
     if count == 1:
         return kernels.SUPPORTS
@@ -195,16 +198,17 @@ def _serves(band: Band) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Learnt:
-    """A tile with cleaned references, and two samples: for the level, and for the kernels."""
+    """A tile with cleaned references."""
 
-    references: dict[int, FloatArray]
-    bands: list[FloatArray]
-    sample: Mask
-    teaches: Mask
-    origin: tuple[int, int]
+    references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
+    bands: list[FloatArray]  # (row, column) of each band to correct
+    sample: Mask  # (row, column): pixels for the level
+    teaches: Mask  # (row, column): pixels for the kernels
+    origin: tuple[int, int]  # row and column of the tile in the scene
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
+    """Clean the references of a tile, and exclude from its sample what they replace and what is not finite."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -214,10 +218,9 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 
 
 def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
-    """Exclude from the kernels' sample pixels near any that deviates from its local mean by more than glint, in any
-    band.
+    """Exclude outliers, and the pixels near them, from the sample for the kernels.
 
-    As in references: sparkle has nearly the same strength all over the sea, ships and surf do not.
+    An outlier deviates from its local mean by more than glint does elsewhere in the sample, in any band or reference.
     """
     away = [np.abs(detrend(np.stack([*t.references.values(), *t.bands]), t.sample)) for t in learnt]
     tops = [
@@ -242,12 +245,12 @@ def _model(
     rules: dict[int, ReferenceRule],
     shared: tuple[Float64, Float64, Float64],
 ) -> GlintModel:
-    """Kernels of each kind of strip with the posterior responses; without levels.
+    """The model with the kernels of each kind of strip, changed to the posterior responses; the levels are 0.
 
     shared : weights of the bands in the common glint, their posterior responses, and the covariance of the responses
     """
     weights, response, covariance = shared
-    slopes = [float(s) if s > 0 else 1.0 for s in response]  # of a band, if its NIR increases by 1 everywhere
+    slopes = [float(s) if s > 0 else 1.0 for s in response]  # change of a band if its NIR increases by 1 everywhere
     indexes = [_indexes(some, weights, response, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
@@ -267,9 +270,10 @@ def _model(
 def _indexes(
     fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
 ) -> tuple[GlintIndex, ...]:
-    """A kernel for each band, divided by its slope; the kernel of common glint is added to change the response s to s'.
+    """A kernel for each band with the posterior response s' instead of s, divided by the slope of the band.
 
-    k' = k + k_g (s' - s), with k_g the kernel of a weighted sum of the bands, scaled to the response 1.
+    k' = k + k_g (s' - s), with k_g the kernel of the common glint: it predicts the sum of the bands with the weights
+    `shared`, and is scaled to the response 1.
     """
     out = {}
     for f in fitted:
@@ -285,7 +289,7 @@ def _indexes(
 
 
 def _mean(planes: FloatArray, sample: Mask) -> FloatArray:
-    """Mean over the sample in a window of the local mean, (band, row, column)."""
+    """Mean of the sample pixels in a square of `LOCAL_MEAN` pixels around each pixel, (band, row, column)."""
     import cv2
 
     share = np.maximum(cv2.blur(sample.astype(np.float32), (LOCAL_MEAN, LOCAL_MEAN)), np.float32(1e-6))
@@ -293,7 +297,7 @@ def _mean(planes: FloatArray, sample: Mask) -> FloatArray:
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
-    """One level for all bands, from the pixels of the sample where the sum of their predictions is lowest."""
+    """The model with the levels that `shared_level` determines from the sample, and a warning if they are uncertain."""
     import cv2
 
     slopes, averaged = np.array([f.slope for f in model.fits]), request.faint and request.resolved
@@ -332,15 +336,16 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
 def shared_glint(
     response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]
 ) -> tuple[Float64, Float64]:
-    r"""Weights of the bands in the glint common to them, and their responses drawn to its spectrum.
+    r"""Weights of the bands in the glint common to them, and their responses drawn to its spectrum, (band,) each.
 
-    Strength a of glint of known spectrum c by generalised least squares, then the posterior mean of each response.
+    The strength a of glint with the spectrum c is estimated by generalised least squares; the new responses s' are the
+    posterior means.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
 
-    with s the responses of the bands and V their covariance. The spectrum with the smaller (s - a c)^T S^-1 (s - a c),
-    of radiance or of reflectance, is used.
+    with s (band,) the responses and V (band, band) their covariance. Of the spectra of radiance and of reflectance, the
+    one with the smaller (s - a c)^T S^-1 (s - a c) is used.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
@@ -361,7 +366,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Glint in each band relative to its NIR: 1 (reflectance), and the sun's spectrum (radiance)."""
+    """Spectra of glint (band,) relative to each NIR: 1 for reflectance, the sun's for radiance if in 300 to 1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))
