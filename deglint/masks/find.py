@@ -23,51 +23,50 @@ Votes = npt.NDArray[np.int8]
 GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pixels [m]: blurred facets of waves
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
 WIDEST_WINDOW, RARE_BRIGHT = 13, 2e-3
-"""The largest window where the size of a pixel is not known [pixel]; and the share of isolated bright pixels below
+"""Where the size of a pixel is not known: the largest window [pixel], and the share of isolated bright pixels up to
 which these are boats and piers at coarse pixels, not glint, which occurs everywhere on the sea."""
 TAIL, LEAST_TAIL = 3.0, 0.5
-"""The NIR of water ends within 3 times the distance from its median to its 99th percentile: the brightness of glint
-decreases exponentially, and four in a million pixels lie beyond. For water without glint, or rounded to integers, the
-distance is at least half of the difference between its visible and its NIR."""
+"""The NIR of water ends `TAIL` times the distance from its median to its 99th percentile above the median: the
+brightness of glint decreases exponentially, and few pixels lie beyond. For water without glint, or rounded to integers,
+it ends at least `LEAST_TAIL` times the difference between visible and NIR of the darkest water above the median."""
 DARKEST, MAX_SHEET = 10, 8.0
-"""The darkest water is one in this many pixels of water; glint and haze may brighten whole areas by up to `MAX_SHEET`
-times the difference between visible and NIR of that water. Clouds are brighter."""
+"""The darkest water is one in `DARKEST` pixels of water. Glint and haze may brighten whole areas by up to `MAX_SHEET`
+times the difference between visible and NIR of the darkest water. Clouds are brighter."""
 WHITEST, WHITE_SHARE = 0.2, 2.0
-"""Share of the pixels from which the colour of white is determined [%], and how many times brighter than the darkest
-they must be: turbid water is not."""
+"""Share of the pixels from which the colour of white is determined, the brightest [%], and the least ratio of their
+green to the green of the darkest pixels: turbid water has a smaller ratio."""
 PLAIN_WHITE, SUN = (1.0, 1.0), (0.85, 0.57)
-"""Red and NIR of white, over green, in reflectance and in radiance: the sun's irradiance at 660, 840, 560 nm."""
+"""Red over green and NIR over green of white, in reflectance and in radiance (solar irradiance at 660, 840, 560 nm)."""
 COARSE_PIXEL = 1.0
-"""Pixel size below which white is not determined from the brightest pixels, nor where it is not known [m]: dense glint
-may be brighter than all else, and is not white in bands that are not simultaneous."""
+"""Smallest pixel, of known size, with which white is determined from the brightest pixels [m]: in smaller pixels dense
+glint may be brighter than all else, and is not white in bands that are not simultaneous."""
 WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""The brightest clump of glint is the brightest square of 3 x 3 pixels, in three quarters of the squares of 64 pixels;
-in others there may be boats."""
+"""The brightest clump of glint is the brightest square of `CLUMP` pixels in a square of `SQUARE` pixels of sea, as the
+`ORDINARY`-th percentile over at least `LEAST_SQUARES` such squares: in the others there may be boats."""
 CORE, OF_CLUMP = 7, 0.3
-"""Boats and narrow land are brighter than that all over a larger square: the smallest, from 7 pixels on, over which
-glint, measured in the same way, is less than .3 times as bright, and at most half as wide as a patch of glint. The
-margin is for the brightest glint of a scene, which is several times that of three quarters of its squares. The same
-with only the pixels that have more NIR than visible, which fill a square of 7 pixels hardly anywhere in glint."""
+"""Boats and narrow land are brighter than this clump all over a larger square: the smallest, from `CORE` pixels on, in
+which glint, measured in the same way, is at most `OF_CLUMP` times as bright, and at most half as wide as a patch of
+glint. The margin is for the brightest glint of a scene, several times as bright as this clump. The same is done with
+only the pixels that have more NIR than visible: in glint they hardly ever fill a square of 7 pixels."""
 AFLOAT = 2.0
-"""And brighter, above the water, than so many times the difference between visible and NIR of the water: turbid plumes
-are not, where there is no glint to compare with."""
+"""Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
+turbid plumes do not, where there is no glint to compare with."""
 COMPACTNESS = 0.7
-"""Least share of brown water that lies in such squares: a town has the same colours in radiance, but is less compact.
-"""
+"""Least share of brown water in squares of 5 x 5 pixels: a town, of the same colour in radiance, is less compact."""
 SATURATED = 1e-3
-"""Share of pixels that have the highest value of the NIR, from which on it counts as saturated. That value must also
-exceed dark water by more than visible and NIR differ: the NIR of calm water has few values in images of 8 bits."""
+"""Least share of pixels with the highest NIR for this NIR to be saturated. It must also exceed dark water by more than
+visible and NIR differ: the NIR of calm water has few values in images of 8 bits."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
 INTO_GAP = 0.25
 """Position of the threshold in the gap, 0..1, nearer to the water: ships, piers and mixed pixels fill the rest."""
 RARE_GLINT = 1e-3
-"""Share of the votes for water that may lie above the start of the search for the gap at fine pixels: above it, pixels
-of sparkle are as frequent as mixed pixels of a shore."""
+"""Share of the votes for water that may lie above the start of the search for the gap at fine pixels: there, pixels of
+sparkle are only as frequent as mixed pixels of a shore."""
 GAP_BINS = 64  # bins of the histogram in which the gap between water and land is searched
 
 
@@ -81,23 +80,23 @@ def fit_water(
 ) -> WaterRule:
     """Determine from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
-    Water absorbs the NIR, so that it is darker there than in the visible, with glint or without: the sign of the NDWI.
-    The sign does not depend on the unit or on a common offset, but it is noisy: roofs and shadows look like water, and
-    some water does not. Therefore each pixel votes by its sign, and the threshold of the NIR is the one that separates
-    the votes with the fewest errors, moved into the gap beside it.
+    Water absorbs the NIR. It is therefore darker in the NIR than in the visible, with glint or without: this is the
+    sign of the NDWI. The sign does not depend on the unit or on a common offset, but it is noisy: roofs and shadows
+    look like water, and some water does not. Therefore each pixel votes by its sign. The threshold of the NIR separates
+    the votes with the fewest errors, and is then moved into the gap between water and land.
 
-    At fine pixels glint is sparkle, as bright as land. Not water is then only what is bright over a whole square. Its
+    In fine pixels glint is sparkle, as bright as land. Pixels are then not water only if a whole square is bright. Its
     side is the smallest that leaves no isolated pixels of the colour of glint, up to the width of patches of glint.
-    Boats, rocks and floating plants are narrower. They are found over squares of half that width, by NIR that is much
-    brighter than glint of that size, or brighter than the visible.
+    Boats, rocks and floating plants are narrower. They are found with squares of half that width at most, by NIR that
+    is much brighter than glint of that size, or brighter than the visible.
 
     looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
-    pixel : side of a pixel on the ground, None if not known [m]
+    roles : which band is the NIR, and which are visible
+    pixel : side of a pixel on the ground [m]; None if not known
     whole : the blocks cover the whole scene; else there may be land outside them
-    reflectance : the bands are known to be reflectances; else this is determined from the brightest pixels of coarse
-        images
+    reflectance : the bands are reflectances; else this is determined, if pixels are coarse, from the brightest pixels
 
-    Returns a rule whose `has_water` is False where no water was found.
+    Returns a rule; its `has_water` is False if no water was found.
 
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
@@ -117,7 +116,7 @@ def fit_water(
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule for one colour of white, for blue or for brown water; None where there is no water."""
+    """The rule for blue or for brown water, None if there is no water; `light`: red and NIR of white, over green."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
@@ -147,7 +146,7 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
 
 
 class _View:
-    """The blocks in which water is searched, and their valid pixels."""
+    """The blocks (band, row, column) in which water is searched, and masks (row, column) of their valid pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
         valid = [valid_for(b, roles) for b in blocks]
@@ -156,35 +155,35 @@ class _View:
         self.pixels = int(sum(v.sum() for v in self.valid))
 
     def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """A sample of the valid pixels of all blocks, the same for every array."""
+        """Values (pixel,) of a sample of the valid pixels; `arrays` has one (row, column) for each block."""
         return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
 
     @cached_property
     def contrast(self) -> FloatArray:
-        """Visible minus NIR."""
+        """Visible minus NIR, (pixel,), of the sample as from `flat`."""
         visible = self.roles.visible[0]
         return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
 
     @cached_property
     def saturation(self) -> float:
-        """NIR from which pixels are saturated, so that their colour says nothing; infinite where they are not."""
+        """NIR at which pixels are saturated, so that their colour is not known; infinite if no pixels are."""
         nir = self.flat([b[self.roles.nir] for b in self.blocks])
         low, high = float(np.percentile(nir, 1)), float(nir.max())
         saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
 
     def nir(self, window: int) -> FloatArray:
-        """NIR after a morphological opening with a window."""
+        """NIR after a morphological opening with a window of this side [pixel], (pixel,) as from `flat`."""
         return self.flat(
             [_opened_band(b[self.roles.nir], v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
         )
 
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
-        """Vote of each pixel by its colour: 1 water, -1 not water, 0 either.
+        """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
 
         Water has less NIR than visible. A pixel with red above green may be soil, a town (if the colour of white is
-        wrong) or brown water. Means over a square are compared, because bands that are not simultaneous show sparkle at
-        different places.
+        wrong) or brown water: it votes 0 unless `brown`. Means over squares of side `window` are compared, because
+        bands that are not simultaneous show sparkle at different places.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -203,10 +202,10 @@ class _View:
 
     @cached_property
     def white(self) -> tuple[float, float]:
-        """Red and NIR of white, over green: 1 in reflectance, the colour of sunlight in radiance.
+        """Red and NIR of white, over green: `SUN` if the bands seem to be radiances, else `PLAIN_WHITE`.
 
-        The brightest pixels usually are white: roofs, sand, clouds, or glint. If their colour is not plausible, or they
-        are not bright enough, or their NIR is as bright as their green, the bands are assumed to be reflectances.
+        The brightest pixels usually are white: roofs, sand, clouds, or glint. The bands are radiances if these pixels
+        are bright enough and have the colour of sunlight.
         """
         roles = self.roles
         if roles.green is None or roles.red is None:
@@ -223,15 +222,16 @@ class _View:
         return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[Mask]:
-        """Pixels in a square window in which all NIR is above a threshold."""
+        """Mask of each block, (row, column): pixels in a square of side `window` with all NIR above a threshold."""
         nir = self.roles.nir
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
     def clumps(self, solid: Sequence[Mask], level: float, side: int = CLUMP, *, red: bool = False) -> float:
-        """Height of the brightest clump of glint of this side above a level in squares of sea; infinite where too
-        little is in view.
+        """NIR of the brightest clump of glint (see `CLUMP`) minus `level`; infinite where there is too little sea.
 
-        `red`: only pixels with more NIR than visible. Glint has them only where bands are not simultaneous.
+        solid : mask (row, column) of each block, True where it is not water
+        side : width of a clump [pixel]
+        red : only pixels with more NIR than visible count; glint has them only where bands are not simultaneous
         """
         tops = []
         for block, valid, other in zip(self.blocks, self.valid, solid, strict=True):
@@ -247,10 +247,9 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
-        """Share of the sea with bright pixels after an opening by `window`, far from those that the widest window
-        leaves.
+        """Share of the sea that is bright (NIR above `threshold`) in squares of side `window`, far from land.
 
-        With votes, only bright pixels of the colour of water under glint are counted.
+        Land is bright in squares of side `widest`. With votes, only pixels that vote for water are counted.
         """
         solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
         apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
@@ -259,9 +258,9 @@ class _View:
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether the remaining pixels mostly have the colour of water, and a share `compact` of them lies in squares.
+        """Whether the pixels that are not `solid` mostly vote for water, and lie in squares of up to 5 x 5 such pixels.
 
-        With compactness, some pixels must also have voted against water.
+        compact : least share of the pixels in such squares; if not 0, some solid pixels must vote against water
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -274,7 +273,7 @@ class _View:
 
 
 def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
-    """Sum of the valid values in a square around each pixel."""
+    """Sum of the valid values in a square around each pixel, (row, column)."""
     values = np.where(valid, values, 0)
     if side == 1:
         return values
@@ -285,7 +284,7 @@ def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
 
 
 def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
-    """Morphological opening of a band by a square; invalid pixels are ignored."""
+    """Morphological opening of a band (row, column) by a square window [pixel]; invalid pixels are ignored."""
     if window == 1:
         return band
     import cv2
@@ -295,7 +294,10 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 
 
 def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
-    """The threshold that separates the votes with the fewest errors, moved into the gap; None if there is no water."""
+    """The rule whose NIR threshold separates the votes (pixel,) with the fewest errors, moved into the gap beside it.
+
+    It is None if there is no water.
+    """
     nir = view.nir(window)
     order = np.argsort(nir, kind="stable")
     nir, contrast, votes = nir[order], view.contrast[order], votes[order]
@@ -325,9 +327,9 @@ def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:
-    """A quarter into the gap above the peak of the water, from the foot of the peak, where the density bends.
+    """The NIR at `INTO_GAP` of the way from the upper foot of the peak of the water to `high`, the end of the gap.
 
-    The bend is where the logarithm of the density lies farthest below the straight line from its peak to the end, the
+    At the foot, the logarithm of the density lies farthest below the straight line from its peak to the end: the
     triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454.
     """
     if not high > level:
@@ -344,7 +346,7 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the sorted values, or the highest gap below it: dry sand votes neither for nor against water."""
+    """Upper end of the highest gap (emptiest bins) in sorted values (pixel,): dry sand above it does not vote."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

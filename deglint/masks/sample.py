@@ -16,16 +16,16 @@ from .surface import Roles, WaterRule, thinned, valid_for, water
 
 SIZE = 15  # side of the square for local statistics of water [pixel]
 DISTANCES = (10, 5, 2, 0)
-"""Distances from other surfaces than water [pixel]; the first that leaves enough sample is used."""
+"""Distances of the sample from everything that is not water [pixel]; the first that leaves `ENOUGH` pixels is used."""
 SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
-"""Shares of the dark, even water with the strongest glint; the first that gives enough pixels is used."""
+"""Shares of the dark, even water, taken from the strongest glint; the first that gives `ENOUGH` pixels is used."""
 MAX_RESIDUAL = 3.0
-"""Upper limit of the local visible variance that the NIR does not explain, as a multiple of the typical one."""
-BIMODAL = 0.8  # Otsu's separability above which there are two kinds of water (a normal distribution has 0.64)
-MANY = 50_000  # most squares used for the limits; they overlap, so more add no information
+"""Upper limit of the local visible variance that the NIR does not explain, as a multiple of its typical value."""
+BIMODAL = 0.8  # Otsu's separability from which on there are two kinds of water (a normal distribution has 0.64)
+MANY = 50_000  # most squares used for the limits; they overlap, so more squares add no information
 SHORE = 9
-"""Side of the square of water that must contain a pixel, to exclude shores, ships, piers and mixed pixels [pixel]."""
-CLEANING = 7  # side of the opening that makes the sample compact [pixel]
+"""A pixel must lie in a square of water of this side, so that shores, ships and mixed pixels are excluded [pixel]."""
+CLEANING = 7  # window of the morphological opening that makes the sample compact [pixel]
 REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
 
 
@@ -33,17 +33,17 @@ REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
 class SampleRule:
     """Criteria of the deep-water sample, as plain numbers.
 
-    NIR and visible sum are quantised, (value - centre) / step rounded to integers ("grains"), so that box sums are
-    exact and do not depend on the tile. Where `r_squared` is near 0, the bands share no glint (calm water, or bands
-    that are not simultaneous).
+    The NIR and the visible sum (weighted sum of the visible bands) are quantised: (value - centre) / step is rounded to
+    integers ("grains"), so that box sums are exact and do not depend on the tile. If `r_squared` is near 0, the bands
+    share no glint (calm water, or bands that are not simultaneous).
     """
 
     water: WaterRule
     weights: tuple[float, ...]  # of each band of `roles.visible` in the visible sum [1/unit]
-    centre: tuple[float, float]  # of the NIR [unit] and of the visible sum
-    step: tuple[float, float]  # likewise
+    centre: tuple[float, float]  # of the NIR [unit of the NIR] and of the visible sum [1]
+    step: tuple[float, float]  # of the NIR [unit of the NIR] and of the visible sum [1]
     distance: int = 0  # from everything that is not water [pixel]
-    slope: float = 0.0  # of the visible sum against the NIR, to subtract glint from the local level
+    slope: float = 0.0  # of the visible sum against the NIR, to subtract glint from local means [grain/grain]
     level: float = np.inf  # upper limit of the local mean of the visible sum, glint subtracted [grain]
     residual: float = np.inf  # typical local variance that the NIR does not explain [grain^2]
     variance: float = 1.0  # typical variance of the NIR [grain^2]
@@ -55,42 +55,43 @@ class SampleRule:
 
     @property
     def halo(self) -> int:
-        """Pixels that `deep_water` needs around a tile."""
+        """Number of pixels that `deep_water` needs around a tile."""
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """All values except the water rule, for a sidecar."""
+        """All values except the water rule, and the halo, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
 def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
-    """Pixels that `deep_water` needs around a tile; by default for the largest distance."""
+    """Number of pixels that `deep_water` needs around a tile; by default for the largest distance [pixel]."""
     return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
 class _Local(NamedTuple):
-    """Statistics of water in the square around each pixel, in grains (see `SampleRule`)."""
+    """Statistics of water in the square around each pixel, in grains (see `SampleRule`); (row, column) or (pixel,)."""
 
-    enough: Mask
-    nir: Float64
-    level: Float64
-    variance: Float64
-    covariance: Float64
-    visible: Float64
+    enough: Mask  # True over water with at least half a square of water
+    nir: Float64  # mean of the NIR
+    level: Float64  # mean of the visible sum
+    variance: Float64  # of the NIR
+    covariance: Float64  # of the NIR and the visible sum
+    visible: Float64  # variance of the visible sum
 
     def pick(self, chosen: Mask | slice) -> _Local:
+        """The statistics of some pixels, (pixel,)."""
         first, *others = self
         return _Local(first[chosen], *(a[chosen] for a in others))
 
     @property
     def residual(self) -> Float64:
-        """Visible variance that the NIR does not explain."""
+        """Variance of the visible sum that the NIR does not explain [grain^2]."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Water pixels that lie in squares of water of `SHORE` pixels.
+    """Mask (row, column) of the water pixels that lie in squares of water of `SHORE` x `SHORE` pixels.
 
     Examples
     --------
@@ -105,15 +106,17 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    Criteria, in squares of 15 x 15 pixels of water: (1) away from everything that is not water; (2) dark: if Otsu's
-    criterion finds two kinds of water, the darker (repeated); of this the darker half, with glint subtracted; (3) even:
-    the variance of the visible that the NIR does not explain is not unusually large; (4) of this the quarter with the
-    strongest glint (largest NIR variance), or more where that is too little, because noise in the NIR lowers a slope by
-    the factor
+    A pixel is in the sample if the square of 15 x 15 pixels around it is (1) away from everything that is not water;
+    (2) dark: if Otsu's criterion finds two kinds of water, it is of the darker kind (this is repeated), and in the
+    darker half of this kind after subtraction of glint; (3) even: the variance of the visible that the NIR does not
+    explain is not unusually large; (4) in the quarter of the remaining squares with the strongest glint (largest NIR
+    variance), or in a larger share if that is too little. Strong glint is preferred because noise in the NIR multiplies
+    a slope by
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
-    looks, rule : as for `fit_water`, and what it returns
+    looks : (band, row, column) blocks, as for `fit_water`; NaN is not valid
+    rule : from `fit_water`
 
     Raises FitError: no water in the blocks, none far enough from other surfaces, or its NIR does not vary.
 
@@ -140,7 +143,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
 
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
-    """Mask of the deep-water sample, (row, column); 90 ns per pixel, little where there is no water.
+    """Mask of the deep-water sample, (row, column). Cost: 90 ns per pixel, much less without water.
 
     block : (band, row, column), in the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more
         pixels on every side.
@@ -152,6 +155,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
 
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
+    """Weighted sum of the visible bands of a block, (row, column)."""
     total = np.zeros(block.shape[1:])
     for band, weight in zip(roles.visible, weights, strict=True):
         total += block[band] * np.float64(weight)
@@ -159,13 +163,13 @@ def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> F
 
 
 def _spread(values: FloatArray) -> tuple[float, float]:
-    """Median, and the range from 5th to 95th percentile (the standard deviation where that is 0)."""
+    """Median, and range from the 5th to the 95th percentile; if the range is 0, the standard deviation instead."""
     low, middle, high = (float(p) for p in np.percentile(thinned(values), (5, 50, 95)))
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """Weights, centres and steps of the quantisation: 1024 grains for the typical range of the water."""
+    """A rule with weights, centres and steps of the quantisation: the typical range of the water has 1024 grains."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -182,7 +186,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
-    """Local statistics by box sums over water, of integers below 2^53 in float64: exact in any order."""
+    """Local statistics (row, column) by sums over the water in squares: exact, as sums of integers below 2^53 are."""
     import cv2
 
     def box(values: Float64) -> Float64:
@@ -210,13 +214,14 @@ def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
-    """Statistics of the masked pixels of all blocks, flattened."""
+    """Statistics (pixel,) of the pixels of all blocks in their masks (row, column)."""
     return _Local(*map(np.concatenate, zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)))
 
 
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
+    """The rule with the largest possible distance from other surfaces, and the statistics of the pixels it leaves."""
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
@@ -230,7 +235,7 @@ def _choose_distance(
 
 
 def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRule:
-    """Limits of level, residual and NIR variance from the candidates."""
+    """The rule with limits from candidate pixels (pixel,), for the `share` of dark, even ones with strongest glint."""
     local = local.pick(slice(None, None, 1 + local.level.size // MANY))
     local = local.pick(_darker_kind(local.level))
     total = float(local.variance.sum())
@@ -253,13 +258,13 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Squares where the visible varies no more than typical; the limit grows with glint."""
+    """Mask of squares in which the visible variance that the NIR does not explain is not too large for their glint."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """The darkest class, splitting by Otsu's threshold while there are clearly two classes."""
+    """Mask (pixel,) of the darkest class: Otsu's threshold splits the values while there are clearly two classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])
@@ -271,7 +276,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Threshold with the largest variance between classes, and its share of the variance [0..1]."""
+    """Threshold with the largest variance between the two classes, and share of this in the total variance, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0
@@ -288,7 +293,7 @@ def _otsu(values: Float64) -> tuple[float, float]:
 
 
 def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> Mask:
-    """Apply all limits, and make the mask compact by an opening; invalid pixels are ignored."""
+    """Mask (row, column) of the sample: all limits, then an opening to make it compact; invalid pixels are ignored."""
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level
@@ -298,7 +303,7 @@ def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> M
 
 
 def _summarise(found: _Local, sample: SampleRule, valid: int) -> SampleRule:
-    """Add properties of the sample; raise FitError if it is empty."""
+    """The rule with the properties of the sample; `valid`: valid pixels in all blocks. FitError if it is empty."""
     pixels = int(found.enough.size)
     if not pixels:
         raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")

@@ -1,4 +1,4 @@
-"""Apply a fitted rule to a block: which of its pixels are water."""
+"""The rule that distinguishes water from the rest, and its application to a block."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -10,7 +10,7 @@ from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
 
-ENOUGH_TO_RANK = 100_000  # most values from which a percentile is determined; of more values, every k-th is used
+ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; of more values, every k-th is used
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,36 +28,36 @@ class Roles:
 
     @property
     def visible(self) -> tuple[int, ...]:
-        """Indexes of the visible bands, the most suitable for comparison with the NIR first."""
+        """0-based visible bands, the most suitable for comparison with the NIR first."""
         return tuple(b for b in (self.green, self.blue, self.red) if b is not None)
 
 
 @dataclass(frozen=True, slots=True)
 class WaterRule:
-    """How water is distinguished from the rest: plain numbers, in the unit of the bands.
+    """How water is distinguished from the rest, as plain numbers.
 
-    Not water is what has NIR above `threshold` over a whole square of side `window`, which is 1 at coarse pixels and
-    larger where glint is resolved into bright patches. Nor is what has NIR above `bright` over a smaller square of side
-    `core`, or above `red` and above the first visible band over one of side `red_core`: boats and narrow land, too
-    bright for a patch of glint of that size, or not of the colour of glint.
+    Pixels are not water if the NIR is above `threshold` all over a square of side `window`. This is 1 for coarse pixels
+    and larger where glint is resolved into bright patches. Boats and narrow land, which are too bright for a patch of
+    glint of their size or do not have its colour, are not water either: there the NIR is above `bright` all over a
+    smaller square of side `core`, or above `red` and above the first visible band all over a square of side `red_core`.
     """
 
     roles: Roles
-    threshold: float = -np.inf
+    threshold: float = -np.inf  # [unit of the NIR]
     window: int = 1  # [pixel]
     core: int = 1  # [pixel]; 1: not used
-    bright: float = np.inf
+    bright: float = np.inf  # [unit of the NIR]
     red_core: int = 1  # [pixel]; 1: not used
-    red: float = np.inf
+    red: float = np.inf  # [unit of the NIR]
     nir_level: float = np.nan  # median NIR of the water; NaN: no water
     contrast: float = np.nan  # visible minus NIR of the darkest water, free of an offset of all bands; NaN: no water
     water_fraction: float = 0.0  # share of water among the valid pixels of the fitted blocks, 0..1
-    pixels: int = 0  # valid pixels of these blocks
-    whole: bool = True  # these blocks covered the whole scene
+    pixels: int = 0  # valid pixels of the fitted blocks
+    whole: bool = True  # whether the fitted blocks covered the whole scene
 
     @property
     def halo(self) -> int:
-        """Pixels that `water` needs around a tile."""
+        """Number of pixels that `water` needs around a tile."""
         return max(self.window, *(side + side // 2 for side in (self.core, self.red_core))) - 1
 
     @property
@@ -91,7 +91,7 @@ class WaterRule:
         )
 
     def numbers(self) -> dict[str, Any]:
-        """All values, for a sidecar."""
+        """All values, and what follows from them, for a sidecar."""
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
@@ -116,7 +116,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """What is not water: too bright over a square for glint, or not of its colour."""
+    """Mask (row, column) of pixels that are not water: too bright over a square for glint, or not of its colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)
@@ -131,10 +131,10 @@ def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def filled_squares(bright: Mask, missing: Mask, window: int) -> Mask:
-    """Bright pixels in a square of `window` bright pixels that lies inside the image: these are not water.
+    """Mask (row, column) of the bright pixels in squares of side `window` [pixel] with only bright pixels.
 
-    Missing pixels are ignored. A threshold and a rank filter commute, so the opening runs on bytes. Squares that reach
-    over the image's edge do not count: there a few sparkles would fill them.
+    Missing pixels are ignored. Squares that reach over the edge of the image do not count: there a few sparkles would
+    fill them. As a threshold and a rank filter commute, the morphological opening runs on bytes.
     """
     if window == 1 or not bright.any():
         return bright & ~missing
@@ -146,7 +146,7 @@ def filled_squares(bright: Mask, missing: Mask, window: int) -> Mask:
 
 
 def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:
-    """Pixels where every band in `roles` is finite."""
+    """Mask (row, column) of the pixels where the NIR and the visible bands are finite."""
     valid = np.isfinite(block[roles.nir])
     for band in roles.visible:
         valid &= np.isfinite(block[band])
@@ -154,5 +154,5 @@ def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:
 
 
 def thinned(values: FloatArray) -> FloatArray:
-    """Every k-th value, so that enough remain for a percentile."""
+    """Every k-th value, so that at most `ENOUGH_TO_RANK` remain."""
     return values[:: 1 + values.size // ENOUGH_TO_RANK]
