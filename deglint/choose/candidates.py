@@ -6,9 +6,8 @@ from ..compensate import Setting
 from ..compensate.targets import LEAST_DELAY
 
 SMALLEST_OPENING, LARGEST_OPENING = 5, 13
-"""Windows of an opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
-OF_OBJECT = 0.85
-"""Window of the opening as a share of the width of the smallest object: such a window preserves its corners."""
+"""Windows of a morphological opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
+OF_OBJECT = 0.85  # largest window relative to the width of the smallest object: it preserves the object's corners
 LONG = 1.5  # least width of a window in widths of a clump of glint, so that it reaches the water on both sides
 
 
@@ -18,11 +17,11 @@ class Candidate:
 
     name: str
     method: str  # "copy", or a key of `deglint.remove.METHODS`
-    chain: str = "off"  # stages of compensation; "off" for none
+    chain: str = "off"  # stages of the compensation, as in `deglint.compensate`; "off" for none
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Candidate recipes for a scene, from the widths of the smallest object to keep and of a clump of glint [pixel]."""
+    """Candidate recipes, simplest first, for widths of the smallest object to keep and a clump of glint [pixel]."""
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
     delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
     targets = "targets, " if delayed else ""
@@ -35,8 +34,9 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
 
 def windows(width: float, clump: int) -> list[int]:
-    """Windows of openings to try, odd [pixel]: the largest that preserves the smallest object, and a smaller one if
-    clumps of glint are small.
+    """Windows of morphological openings to try, odd [pixel].
+
+    They are the largest that preserves the smallest object, and a smaller window if clumps of glint are small.
 
     Examples
     --------
@@ -49,4 +49,5 @@ def windows(width: float, clump: int) -> list[int]:
 
 
 def _odd(size: float) -> int:
+    """Largest odd integer that is not above a size."""
     return int(size) - 1 + int(size) % 2

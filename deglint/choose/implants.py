@@ -1,9 +1,8 @@
 """Known signals that are added to sample tiles, to measure how much of them a recipe preserves.
 
-There are four kinds: textures of three scales, discs as wide as the smallest object to keep, broad plumes of turbid
-water, and small white targets. Their contrasts are relative to the water in each band; textures and discs are
-attenuated by some metres of water. The gain of a recipe is the share of a signal that it preserves: 1 where a signal is
-kept, 0 where it is lost.
+There are four kinds of signals: textures of three scales, discs as wide as the smallest object to keep, broad plumes of
+turbid water, and small white targets. Their contrasts are relative to the water; textures and discs are attenuated by
+some metres of water. The gain of a recipe is the share of a signal that it preserves: 1 if it is kept, 0 if it is lost.
 """
 
 from collections.abc import Sequence
@@ -18,12 +17,13 @@ from ..remove.mixture import PLUME, TURBID
 from ..scene import Band
 
 SCALES = (1, 3, 9, 27)
-"""Windows of the local means between which textures lie [pixel]: factors of three divide the range from one pixel to
-the length of swell."""
-DEPTH = 3.0  # depth of textures and discs [m]: weak in the red and invisible in the NIR
+"""Windows of local means [pixel]. A texture is the difference of two means: factors of three divide the range from one
+pixel to the length of swell."""
+DEPTH = 3.0  # depth of textures and discs [m]: they are weak in the red and invisible in the NIR
 TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
-"""Contrasts with the water: of textures (standard deviation) and discs; radiance of white targets relative to the water
-in the blue. All are easily visible in an image without glint."""
+"""Contrasts with the water, relative to the water: standard deviation of textures, bright discs, dark discs; and
+brightness of white targets in every band, relative to the water in the brightest band. All are easily visible in an
+image without glint."""
 SEED = 1  # seed of the random generator: the same tiles always get the same signals
 CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 
@@ -32,23 +32,23 @@ CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 class Implants:
     """Signals that are added to one tile."""
 
-    names: tuple[str, ...]
-    patterns: Float32  # (signal, row, column)
-    colours: Float32  # (signal, band), contrast in each band [unit of the band]
+    names: tuple[str, ...]  # (signal,)
+    patterns: Float32  # (signal, row, column): contrast relative to the colour of the signal
+    colours: Float32  # (signal, band) [unit of the band]
 
     @property
     def total(self) -> Float32:
-        """Sum of all signals, (band, row, column)."""
+        """Sum of all signals, (band, row, column) [unit of the band]."""
         return np.einsum("sb,sij->bij", self.colours, self.patterns, dtype=np.float32)
 
 
 def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, width: float, seed: int) -> Implants:
-    """Signals for a tile.
+    """Make the signals for a tile.
 
     shape : rows and columns
-    level : (band,) brightness of the water
-    width : of the smallest object to keep [pixel]
-    seed : a different one for each tile
+    level : (band,) brightness of the water [unit of the band]
+    width : width of the smallest object to keep [pixel]
+    seed : a different number for each tile
     """
     rng = np.random.default_rng((SEED, seed))
     known = [b.wavelength for b in bands]
@@ -67,12 +67,14 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
 def gains(
     responses: Sequence[Float32], added: Sequence[Implants], inside: Sequence[Mask], unit: Float32
 ) -> dict[str, float]:
-    """Gain of each signal: least squares fit of the responses to the patterns, over all tiles and bands.
+    """Gain of each signal, by name: least squares fit of the patterns to the responses, over all tiles and bands.
 
     The mean of each tile is subtracted first, because signals also change the fitted level.
 
-    responses : (band, row, column) of each tile, result of a recipe with the signals minus that without
-    unit : (band,) divisor of each band; infinite for bands that are not evaluated
+    responses : (band, row, column) of each tile: results of a recipe with the signals minus its results without them
+    added : signals of each tile
+    inside : (row, column) of each tile, True where pixels are used
+    unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     """
     names = added[0].names
     gram, cross = np.zeros((len(names),) * 2), np.zeros(len(names))
@@ -90,7 +92,7 @@ def gains(
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:
-    """Noise between two scales [pixel]."""
+    """Texture between two scales [pixel]: a random pattern with the standard deviation `TEXTURE_CONTRAST`."""
     import cv2
 
     noise = rng.standard_normal(shape).astype(np.float32)
@@ -99,7 +101,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
 
 def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Float32:
-    """Bright and dark discs, six widths apart."""
+    """Bright and dark discs of a width [pixel] in turn, about six widths apart, at least 16 pixels."""
     import cv2
 
     out, pitch = np.zeros(shape, np.float32), max(round(6 * width), 16)
@@ -111,7 +113,7 @@ def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Fl
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """One Gaussian with a standard deviation of a fifth of the tile."""
+    """A Gaussian of height `PLUME`, at random near the centre, with a standard deviation of a fifth of the tile."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2
@@ -119,7 +121,7 @@ def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
 
 
 def _targets(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Squares of 2 x 2 pixels, about 24 pixels apart."""
+    """Squares of 2 x 2 pixels with the value 1, about 24 pixels apart."""
     out = np.zeros(shape, np.float32)
     for row in range(12, shape[0] - 2, 24):
         for column in range(12, shape[1] - 2, 24):

@@ -1,25 +1,26 @@
 r"""Expected error of a recipe, from the texture that it leaves in sample tiles and its gains of implanted signals.
 
-At each scale s the result of recipe c has the power
+At each scale s the result of recipe c has the power (mean square of the texture)
 
 .. math:: P_{cs} = g_{cs}^2 S_s + N_{cs}
 
-with S the power of the scene's own signal, the same for all recipes, g the gain of a signal at that scale, and N what
-is left of glint and noise. The error, against the scene without glint and noise, is then
+with S the power of the true texture of the water (the own signal of the scene), the same for all recipes, g the gain of
+a signal at that scale, and N the power of the glint and noise that is left. The mean square error, against the scene
+without glint and noise, is then
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
 twice: over all pixels, and over the pixels with the least glint. The first includes the glint that all recipes leave;
-the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both, and at least the
-texture that glint cannot explain because the NIR shows less of it (`least_signal`). A recipe that erases signals has a
-small P but also a small g, so erasing is not rewarded. As the tiles are few, S has a lower limit, and objects are
-counted as if they had a typical contrast and covered a hundredth of the scene.
+the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both minima (the first
+if it is less), and at least the texture that glint cannot explain because the NIR shows less of it (`least_signal`). A
+recipe that erases signals has a small P but also a small g, so erasing is not rewarded. As the tiles are few, the loss
+of weak signals is added, and the loss of objects of a typical contrast that cover a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
-share, which texture cannot show. What the median after a removal exceeds the lowest after an opening by is counted as
-an offset that glint left (`level_excess`): an opening sees the water itself, while a removal takes its level from the
-pixels with the least glint.
+share, which texture cannot show. If the median after a removal exceeds the lowest median after an opening, the excess
+is counted as an offset that glint left (`level_excess`): an opening finds the water between the glint, while a removal
+takes its level from the pixels with the least glint.
 """
 
 from collections.abc import Sequence
@@ -29,25 +30,27 @@ import numpy as np
 from ..moments import Float64
 from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
 
-SHARE = 0.01  # assumed share of a scene that is covered by objects, and by plumes
+SHARE = 0.01  # assumed share of a scene that objects cover, and that plumes cover
 SIGNAL = 0.05
-"""Lower limit of the signal at every scale, relative to the water: the weakest that an analyst sees in an image without
-glint. Sample tiles are few, and may not contain the objects of interest."""
-ZERO_GAIN = 0.05  # gains below this are set to 0: the uncertainty of a gain estimated from a few tiles
+"""Root mean square of a signal that is assumed at every scale besides the signal S, relative to the water: the weakest
+that an analyst sees in an image without glint. Sample tiles are few, and may not contain the objects of interest."""
+ZERO_GAIN = 0.05  # lower limit of gains where they divide: the uncertainty of a gain estimated from a few tiles
 HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
 GLINT_OF_NIR = 2.0
-"""Largest texture of glint in a band relative to that in the NIR and to the sun's spectrum: 0.6 to 1.3 in simulated
-seas, up to 1.9 at the finest scale, where bands differ in blur. Shallow bottoms have up to 80."""
+"""Largest texture of glint in a band, divided by its texture in the NIR and by the spectrum of glint: 0.6 to 1.3 in
+simulated seas, up to 1.9 at the finest scale, where bands differ in blur. Shallow bottoms have up to 80."""
 LEAST_GLINT_PERCENT = 10.0
-"""Share of the pixels that count as having the least glint [%]: small, so that glint is weak; large enough (ten
+"""Share of the pixels that count as pixels with the least glint [%]: small, so that glint is weak; large enough (ten
 thousand pixels in eight tiles) that the power of their texture is known to a few percent."""
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
-    """Mean square of the texture at each scale; the last is what is coarser than all scales, about the mean of each
-    tile.
+    """Mean square of the texture at each scale, (scale,), over all pixels and bands.
 
-    unit : (band,) divisor of each band; infinite for bands that are not evaluated
+    The texture is the difference of local means over successive `SCALES`; the last is the rest, about its tile's mean.
+
+    images, inside : (band, row, column) and (row, column) of each tile; True where pixels are used
+    unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : (band, scale, row, column) of each image, the pixels to use, from `least_glint`; by default all inside
     """
     import cv2
@@ -72,10 +75,12 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
 def least_signal(
     images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, noises: Float32, nir: int, spectrum: Float32
 ) -> Float64:
-    """Least power of the scene's own signal at each scale: the texture beyond noise that glint cannot explain.
+    """Lower limit of the power of the scene's own texture, (scale,): what neither noise nor glint explains.
 
     images : (band, row, column) of each tile, without compensation
-    noises : (band,) standard deviation of the noise
+    inside, unit : as for `powers`; the limit is the mean over the bands, each relative to the square of its unit
+    noises : (band,) standard deviation of the noise [unit of the band]
+    nir : 0-based NIR band
     spectrum : (band,) of glint, relative to the NIR band
     """
 
@@ -92,7 +97,10 @@ def least_signal(
 
 
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
-    """Pixels with the least glint around them: (band, scale, row, column), without the coarsest scale."""
+    """Mask of each tile, (band, scale, row, column), of the pixels with the least glint around them.
+
+    glint, inside : (band, row, column) and (row, column) of each tile; the masks lack the coarsest scale
+    """
     import cv2
 
     out = []
@@ -108,7 +116,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share of a mask around each pixel, at each scale but the finest; always positive."""
+    """Share of a mask in the square around each pixel, (row, column), for each of `SCALES` but the first; positive."""
     import cv2
 
     known = mask.astype(np.float32)
@@ -118,10 +126,12 @@ def _shares(mask: Mask) -> list[Float32]:
 def level_excess(
     results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool]
 ) -> Float64:
-    """How much more than `SIGNAL` the median of each result exceeds the lowest after an opening, root mean square over
-    bands.
+    """Excess, (recipe,), of the medians of a result over the lowest medians after an opening, less `SIGNAL`.
 
-    results : images (band, row, column) of each recipe
+    It is the root mean square over the bands, each relative to its unit; 0 for less than `SIGNAL`.
+
+    results : (band, row, column) of each tile, for each recipe
+    inside, unit : as for `powers`
     opened : whether a recipe has an opening; at least one has
     """
     judged = np.flatnonzero(np.isfinite(unit))
@@ -137,17 +147,12 @@ def level_excess(
 def expected_errors(
     power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0
 ) -> Float64:
-    """Expected error of each recipe, relative to the water.
+    """Expected error (root mean square) of each recipe, (recipe,), relative to the water.
 
-    Parameters
-    ----------
-    power, clear, gain : (recipe, scale) ndarray
-        `powers` over all pixels, `powers` over those with the least glint, and the gains of textures (of plumes for the
-        coarsest scale).
-    objects : (recipe,) ndarray
-        Gain of discs.
-    least : (scale,) ndarray
-        `least_signal`.
+    power, clear, gain : (recipe, scale): `powers` over all pixels, `powers` over the pixels with the least glint, and
+        the gains of textures (of plumes for the coarsest scale)
+    objects : (recipe,), gain of discs
+    least : (scale,), from `least_signal`
     """
     kept = np.clip(gain, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
     bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))

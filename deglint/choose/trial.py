@@ -20,21 +20,21 @@ from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, least_glint, least_signal, level_excess, powers
 
 WATER_PERCENTILE = 10.0
-"""Percentile of a band over the sample that estimates the water without glint, the unit of contrasts [%]."""
+"""Percentile of a band over the sample that estimates the water without glint (water level) [%]."""
 EQUAL_ERRORS = 1.05
 """Candidates whose expected error is within this factor of the least count as equal; the simplest is chosen."""
 WORTH_REMOVING = 0.85
-"""The best candidate must have an expected error below this share of that of a copy, else the scene is copied: a copy
-changes nothing, so a change must promise an improvement of at least 15 %."""
+"""Ratio of the expected errors of the best candidate and of a copy from which on the scene is copied: a copy changes
+nothing, so a change must promise an improvement of at least 15 %."""
 LARGEST_DISC = 16.0
 """Width of the widest implanted disc [pixel]: wider ones are preserved by every window that is tried."""
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard deviations]
 EVEN, MIRRORED = 0.55, 0.2
-"""Least even share of variance, and largest standard deviation relative to the water, of mirrored sky: .55 to 1.3 and
-.003 to .05 in simulated seas. Dense sun glint is as even, but varies by .4 to 1.3; sparse sun glint is not even."""
-LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer do not determine texture
+"""Least even share (`even_share`) and largest standard deviation, relative to the water, of mirrored sky: .55 to 1.3
+and .003 to .05 in simulated seas. Dense sun glint is as even, but varies by .4 to 1.3; sparse sun glint is not even."""
+LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer pixels do not determine texture
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Trial:
     """Result of a candidate on the sample tiles."""
 
     candidate: Candidate
-    power: tuple[float, ...]  # mean square texture of the result, by scale, relative to the water
+    power: tuple[float, ...]  # mean square of the texture of the result at each of `SCALES`, relative to the water
     gains: dict[str, float]  # of each implanted signal
     error: float = float("nan")  # expected error, relative to the water
 
     @property
     def signals(self) -> Float64:
-        """Gain at each scale of `SCALES`; at the coarsest that of plumes."""
+        """Gain of textures at each of `SCALES`, (scale,); at the coarsest scale the gain of plumes."""
         textures = [v for k, v in self.gains.items() if k.startswith("texture")]
         return np.array([*textures, self.gains["plumes"]])
 
@@ -64,9 +64,9 @@ class Choice:
     """The candidates that were tried, and the best."""
 
     best: Candidate
-    trials: tuple[Trial, ...] = ()  # in the order they were tried, plainest first; empty where nothing could be tried
-    failed: dict[str, str] | None = None  # candidates that could not be fitted, and why
-    width: float = 0.0  # of the smallest object to keep [pixel]
+    trials: tuple[Trial, ...] = ()  # simplest candidate first; empty where nothing could be tried
+    failed: dict[str, str] | None = None  # reason by name of each candidate that could not be fitted
+    width: float = 0.0  # width of the smallest object to keep, at most `LARGEST_DISC` where discs were added [pixel]
 
     @property
     def trial(self) -> Trial | None:
@@ -134,16 +134,17 @@ def choose(
     Parameters
     ----------
     sample : Sample
-        See `without_ships`.
+        Sample tiles, and masks of the pixels to use; see also `without_ships`.
     setting : Setting
+        Bands, NIR and other properties of the scene.
     correct : sequence of int
         0-based bands that are to be corrected, by which candidates are judged.
     removal : callable
         Returns, for the name of a method, the function that fits it to a sample.
     width : float
-        Of the smallest object to keep [pixel].
+        Width of the smallest object to keep [pixel].
     fine : bool
-        Pixels resolve sparkle: removed light that is even about its median is then mirrored sky and not sun glint.
+        Pixels resolve sparkle: removed light that varies evenly about its median is then mirrored sky, not sun glint.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
@@ -181,7 +182,7 @@ def choose(
 
 
 def _best(trials: Sequence[Trial]) -> Trial:
-    """The simplest of the best candidates; the copy, which is first, where none is clearly better."""
+    """The simplest of the candidates that are equally good; the copy, which is first, if none is clearly better."""
     least = min(t.error for t in trials)
     best = next(t for t in trials if t.error <= EQUAL_ERRORS * least)
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -190,7 +191,7 @@ def _best(trials: Sequence[Trial]) -> Trial:
 def _judged(
     runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32, setting: Setting
 ) -> list[Trial]:
-    """The trials with their expected errors; infinite where these cannot be computed."""
+    """A trial for each run, with its expected error; the error is infinite if it cannot be computed."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
@@ -213,7 +214,7 @@ def _judged(
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
-    """Least power of the scene's own signal at each scale; 0 if wavelengths are not known."""
+    """Lower limit of the power of the scene's own texture, (scale,); 0 unless all bands are in 300 to 1000 nm."""
     if (setting.colour == 1).all():
         return 0.0
     images, nir = [s.image for s in sample.states], setting.nir[0]
@@ -224,11 +225,11 @@ def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Results of a candidate on the tiles, their change by the signals, and the targets that it recognised."""
+    """Results of a candidate on the tiles."""
 
-    images: list[Float32]
-    responses: list[Float32]
-    targets: list[Mask]
+    images: list[Float32]  # (band, row, column) of each tile, without signals
+    responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
+    targets: list[Mask]  # (row, column) of each tile: targets that the candidate recognised; empty for a copy
 
 
 def _run(
@@ -239,7 +240,7 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate with and without the signals; `fine` is the unit where pixels resolve sparkle."""
+    """Fit and run a candidate on the sample and on `marked` (with signals); `fine`: unit for `_refuse_sky`, or None."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -257,12 +258,14 @@ def _run(
 
 
 def _too_small(sample: Sample) -> bool:
+    """Whether a sample has too few pixels to try candidates."""
     return sum(int(m.sum()) for m in sample.inside) < LEAST_TRIED
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without ships, so that no candidate is rewarded for erasing them: pixels far brighter than their
-    surroundings. Only for coarse pixels: at fine pixels sparkle is as bright.
+    """The sample without ships (pixels far brighter than the water around), so that erasing them is not rewarded.
+
+    Only for coarse pixels: in fine pixels sparkle is as bright as ships.
     """
     import cv2
 
@@ -275,17 +278,18 @@ def without_ships(sample: Sample) -> Sample:
 
 
 def _targets(state: State) -> Mask:
+    """Mask (row, column) of the targets that the stages of a candidate recognised in a tile."""
     return np.zeros_like(state.water) if state.targets is None else np.asarray((state.targets > 0).any(axis=0))
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without pixels near land: these are mixed with land, which looks like glint and cannot be removed."""
+    """The sample without pixels near land: these also contain land, which looks like glint and cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """The sample without targets that any candidate recognised, so that none is rewarded for erasing them."""
+    """Masks (row, column) of the sample without targets that candidates found: erasing them must not be rewarded."""
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
@@ -294,7 +298,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Pixels from which the linear removal takes least, for each band; empty where it could not be fitted."""
+    """Masks, from `least_glint`, of the pixels where the method `wiener` removes least; empty if it failed."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -303,12 +307,9 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Reject a removal that takes mirrored sky, where pixels resolve sparkle.
+    """Raise FitError if a removal takes mirrored sky: what it takes varies little, and evenly about its median.
 
-    Raises
-    ------
-    FitError
-        The removed light varies little, and most of its variance is distributed evenly about its median.
+    unit : (band,) brightness of the water; infinite for bands that are not judged
     """
     planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
     taken = fitted.sample.values(planes) / np.isfinite(unit).sum()
@@ -321,7 +322,7 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
 
 
 def _levels(sample: Sample, bands: int) -> Float32:
-    """Level of the water without glint in each band; positive."""
+    """Brightness of the water without glint in each band, (band,) [unit of the band]; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises).astype(np.float32)
