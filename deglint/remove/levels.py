@@ -219,7 +219,7 @@ def shared_level(
     excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
-        """Lowest level, up to the median, with at most `negative` % of the pixels in `where` negative in any band."""
+        """Lowest level, up to the median, so that at most `negative` % of `where` is negative; ignores outliers."""
         short = [
             (_highest(over[inside], negative) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
@@ -239,10 +239,10 @@ def shared_level(
 
 
 def _highest(values: FloatArray, share: float) -> float:
-    """Value that a share [%] of the values exceeds, without outliers: objects whose NIR is bright look like errors.
+    """Value that a share [%] of values (pixel,) exceeds, limited because objects with a bright NIR look like errors.
 
-    Ten times as many values may be at most half as far above the median: one tenth more than half in an exponential
-    tail, two thirds more in a normal one.
+    The limit is twice as far above the median as the value that ten times this share exceeds. For a share of 0.1 % the
+    limit is 26 % farther above the median than the value in an exponential tail, and 51 % farther in a normal tail.
     """
     middle, near, far = np.percentile(values, [50.0, 100 - 10 * share, 100 - share])
     return float(min(far, 2 * near - middle))
