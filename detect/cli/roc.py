@@ -1,4 +1,4 @@
-"""`rxdetect roc`: scores and truth in, a ROC report out."""
+"""`rxdetect roc`: compare scores with truth, and write a report with ROC curves."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""`rxdetect score`: from a raster to a raster of scores, a threshold, and objects."""
+"""`rxdetect score`: compute a raster of scores, a threshold, and objects."""
 
 import json
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from deglint.cli.grouped import SETTINGS, Grouped
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
-    """A callback that reads two numbers with a comma between."""
+    """Callback of an option that reads two numbers, separated by a comma; `name` and `example` are for its error."""
 
     def read(text: str) -> tuple[Any, Any]:
         first, second = map(kind, text.split(","))

@@ -42,17 +42,17 @@ _MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bu
 
 @dataclass(frozen=True, eq=False)
 class Clutter:
-    """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
+    """Scores of the sea without confirmed objects, and the distribution of the peaks of unconfirmed candidates.
 
     A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
     """
 
-    tail: Tail  # scores of clutter pixels
-    low: float  # score above which candidates are taken
+    tail: Tail  # highest scores of the sea without the pixels of confirmed objects
+    low: float  # score that the pixels of candidates exceed
     peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
     area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
-    confirmed: int  # objects
-    confirmed_pixels: int
+    confirmed: int  # number of confirmed objects
+    confirmed_pixels: int  # number of their pixels
     shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
     scale: float
     large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
@@ -84,7 +84,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that is exceeded by the given number of false objects per km2."""
+        """`score_top` that so many false objects per km2 exceed. Raises InputError: the area is not known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
@@ -111,8 +111,8 @@ class Clutter:
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
-    `tail` holds the highest scores of the searched sea, whose area is in km2. The candidates are connected pixels above
-    `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
+    `tail` holds the highest scores of the searched sea, and `area` is its area [km2]. The candidates are connected
+    pixels above `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -151,7 +151,7 @@ class Search:
     scores : (row, column) ndarray of float32
         Distance from the water around [standard deviation]; NaN where there is no sea.
     classes : (row, column) ndarray of uint8
-        From `detect.sea.region`.
+        Class of each pixel, from `detect.sea.region`.
     objects : list of dict
         One record per object, highest score first; `pandas.DataFrame(search.objects)` makes a table.
     threshold : Threshold
@@ -185,7 +185,7 @@ def score_scene(
     pfa : float
         Requested false-alarm rate per pixel.
     side : str, optional
-        "bright" or "both"; by default determined from the size of a pixel.
+        Sign of the anomalies, "bright" or "both" (bright and dark); by default from the size of a pixel.
 
     Returns
     -------
