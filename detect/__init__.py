@@ -2,7 +2,7 @@
 
     import detect
 
-    scores = detect.rx(image)  # (band, row, column) in, a map of scores out
+    scores = detect.rx(image)  # (band, row, column) -> (row, column)
     detect.score_file("clean.tif", "scores.tif", detect.Recipe(pfa=1e-4), objects="found.geojson")
 
 Each name is loaded at its first use, so that importing detect is fast.

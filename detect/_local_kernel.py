@@ -7,9 +7,9 @@ import numpy as np
 
 from deglint.jit import njit
 
-DONE, DEFICIENT, ASIDE = 0, 1, 255
+DONE, DEFICIENT, ASIDE = 0, 1, 255  # states of a pixel, see `distances`
 LANES = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
-EPS = 2.220446049250313e-16
+EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 
 @njit(nogil=True, cache=True)
@@ -79,7 +79,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot), 0 where the pivot is lost or inexact, and mark such pixels in `state`.
+    """Fill `scale` with 1 / sqrt(pivot). Where the pivot is lost or inexact, `scale` is 0, and `state` marks the pixel.
 
     pivot : what earlier bands leave of the sum of squares of a band; lost below `exact` times the sum, inexact below
         1000 times as much

@@ -81,12 +81,12 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 
 
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
-    """Mean and covariance of the core of a sample, by the minimum covariance determinant; and number of its pixels.
+    """Mean, covariance, and number of pixels in the estimate: minimum covariance determinant of a sample, reweighted.
 
     The core is the fraction `keep`, 0.5 to 1, of `sample`, (pixels, bands), whose covariance has the smallest
-    determinant. All pixels are finite; those outside the core may have any values. Concentration steps (Rousseeuw and
-    Van Driessen 1999, theorem 1) begin with three deterministic estimates, after Hubert et al. (2012). The estimate is
-    then reweighted, and scaled to be consistent for a normal background. This takes some dozen passes over the sample.
+    determinant. All pixels must be finite; outside the core they may have any values. Concentration steps (Rousseeuw
+    and Van Driessen 1999, theorem 1) begin with three deterministic estimates, after Hubert et al. (2012). The estimate
+    is then reweighted, and scaled to be consistent for a normal background: some dozen passes over the sample.
     """
     from scipy.stats import chi2
 

@@ -65,7 +65,7 @@ class LineScorer:
         Raises
         ------
         InputError
-            The number of bands changes.
+            The line is not (band, column), or the number of bands changes.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):

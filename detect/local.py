@@ -88,7 +88,7 @@ def local_rx(
     mask : (row, column) bool ndarray, optional
         True where a pixel is used; the others are in no ring, and score NaN.
     flags : (row, column) uint8 ndarray, optional
-        Output: is filled with 0, or a key of `STATES`.
+        Output array: it is filled with 0, or a key of `STATES`.
     threads : int
         Number of threads. The result does not depend on it.
     **options

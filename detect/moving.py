@@ -20,7 +20,7 @@ from .arrays import Float32, Float64, Mask
 
 FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window whose mean of water is subtracted for the contrast [pixel]
-_SIGMA = 6.0  # contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one
+_SIGMA = 6.0  # minimum contrast of a detection [robust standard deviation]: boats are in all bands, sparkle in one
 _CHANCE = 0.05
 """Maximum expected number of motions by chance in an image: if there are many wave crests, some fit a motion."""
 _NEAR = 1.0  # maximum distance of a detection from a uniform motion [pixel]

@@ -139,7 +139,7 @@ def find_among(
 
 
 def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
-    """Number of the part of each pixel, (pixels,): pixels that touch, or are up to `distance` [pixel] apart, join."""
+    """Number of the part of each pixel, (pixels,). Pixels of a part touch, or are up to `distance` [pixel] apart."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

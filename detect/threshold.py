@@ -96,12 +96,11 @@ class Threshold:
     value : float
         In the unit of the scores (squared Mahalanobis distance for RX).
     method : str
-        "chi2", "f", "quantile", "gpd", or "peaks": from the peaks of objects, for a rate per km2.
+        "chi2", "f", "quantile", "gpd", or "peaks": from the `score_top` of candidates, for a rate per km2.
     pfa_designed : float
         Requested false-alarm rate per background pixel; for "peaks" the observed rate.
     pfa_achieved : float or None
-        Observed rate: fraction of the scores, those of targets included, that are greater than `value`. None where it
-        is not known.
+        Observed rate: fraction of the scores (targets included) greater than `value`; None where it is not known.
     n : int
         Number of scores; for "f" the number of pixels in the statistics; 0 for "chi2".
     standard_error : float or None
@@ -199,7 +198,7 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold that a fraction `pfa` of the scores exceeds: the lowest score that at most pfa n of n scores exceed.
 
-    NaN is left out. Raises InputError: no score is valid, fewer than 1 / pfa are, or the tail keeps too few scores.
+    NaN is left out. Raises InputError: no score is valid, `pfa` is below 1 / n, or the tail keeps too few scores.
     """
     _check(pfa)
     tail = _tail(scores, pfa)

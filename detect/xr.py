@@ -1,4 +1,4 @@
-"""Anomaly scores of xarray: they take a DataArray and return a DataArray, which is lazy where the input is lazy.
+"""Anomaly scores for xarray: `score` and `rx` return a DataArray, which is lazy where the input is lazy.
 
     scores = detect.xr.rx(scene)  # fits the background now; a lazy array is scored when it is computed
 

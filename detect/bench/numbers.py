@@ -47,7 +47,7 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """A run as plain values for JSON, with None for NaN."""
+    """The numbers of a run and its `provenance` (`made`) as plain values for JSON, with None for NaN."""
     from deglint.raster.output import plain
 
     values = {name: asdict(number) for name, number in numbers.items()}

@@ -41,10 +41,10 @@ class Effort:
 
     names: tuple[str, ...]  # keys of `removals`
     winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)  # [m/s]
-    delays: tuple[float, ...] = (0.0, 0.06)  # from band to band [s]
-    seeds: int = 5  # scenes of each condition
-    side: int = 768  # rows and columns of the scene that is timed [pixel]
-    rounds: int = 5  # repeated timings
+    delays: tuple[float, ...] = (0.0, 0.06)  # delay from band to band [s]
+    seeds: int = 5  # number of scenes of each condition
+    side: int = 768  # number of rows and of columns of the scene that is timed [pixel]
+    rounds: int = 5  # number of repeated timings
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
@@ -97,7 +97,7 @@ class Results:
 
     @property
     def conditions(self) -> list[Condition]:
-        """Every wind with every delay."""
+        """All combinations of a wind and a delay."""
         return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
 
     def error(self, condition: Condition, name: str, part: str = "whole") -> Number:

@@ -19,8 +19,8 @@ from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_to
 
 from .measure import Float64, Mask
 
-SIDE = 256  # rows and columns [pixel of 25 cm]
-REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # of the objects [1]
+SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
+REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
 OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
 BLURRED_EDGE = 4
 """Width of the edge around objects [pixel] that is neither object nor background: the optics spread light there."""

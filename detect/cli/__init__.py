@@ -13,7 +13,7 @@ from deglint.cli import running
 COMMANDS = {
     "score": "score how anomalous every pixel is, and mark objects",
     "roc": "compare scores with truth: ROC curves, tables, a report",
-    "bench": "measure run time, error and digits: a report; compare two of them",
+    "bench": "measure run time and error of all removal methods: a report",
 }
 
 

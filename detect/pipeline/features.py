@@ -74,8 +74,8 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move.
 
-    Both come from the nearest moving boat within the distance that the object can travel. `area`: of a pixel [m2].
-    Raises InputError: the times of the bands, or the size of a pixel, are not known.
+    Both come from the nearest moving boat that the object can reach between the bands. `area` is the area of a pixel
+    [m2]. Raises InputError: the times of the bands, or the size of a pixel, are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)

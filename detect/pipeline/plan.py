@@ -35,7 +35,8 @@ Water = tuple[WaterRule, tuple[int, ...]]
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)
-"""Wavelengths of the default bands of "sea" [nm]: corrected bands. The NIR is not corrected; its glint is clutter."""
+"""Wavelengths of the default bands of "sea" [nm]. A removal corrects them; in the NIR, which it copies, glint is
+clutter."""
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
 _OTHERS: dict[str, tuple[Any, str]] = {
@@ -69,9 +70,9 @@ class Plan:
     area: Area | None
     given: Background | None
     notes: tuple[str, ...]  # reasons of decisions, for the user
-    window: WindowRule | None = None  # of "local"
-    sea: SeaRule | None = None  # of "sea"
-    glint: tuple[int, ...] = ()  # of "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
+    window: WindowRule | None = None  # for "local"
+    sea: SeaRule | None = None  # for "sea"
+    glint: tuple[int, ...] = ()  # for "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
     background: Background | None = None
     ready: Detector | None = None
     model: SeaModel | None = None
@@ -312,7 +313,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
-    """Read a tile: bands in use and, last, NIR that shows glint, (band, row, column); classes from `sea.region`."""
+    """Bands in use of a tile, (band, row, column), its classes from `sea.region`, and its NIR, (band, row, column)."""
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))

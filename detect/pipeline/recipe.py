@@ -149,7 +149,7 @@ class Outputs:
 
     @property
     def sidecar(self) -> Path:
-        """The sidecar: the name of the score raster with ".json" appended."""
+        """Path of the sidecar: the path of the score raster with ".json" appended."""
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:

@@ -218,7 +218,7 @@ def _write_tiles(
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
-    """File and layout of each raster, by the fields of `Scored`."""
+    """File and layout of each output raster, by the name of its field in `Scored`."""
     info = raster_of(plan.scene).info
     options = dict(targets.options)
     if info.compression == "deflate" and "compress" not in map(str.lower, options):

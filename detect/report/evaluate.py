@@ -36,8 +36,8 @@ class Request:
     truth: str  # raster or GeoJSON file
     mask: str | None = None  # where to compare: raster, GeoJSON file or window
     pfa_max: float = 0.1  # maximum false-alarm rate of partial areas and object curves
-    draws: int = 1000  # of the bootstrap; 0: no bootstrap
-    seed: int = 0  # of the draws
+    draws: int = 1000  # number of draws of the bootstrap; 0: no bootstrap
+    seed: int = 0  # seed of the draws
     block: int | None = None  # side of the blocks of the bootstrap [pixel]; None: `default_block`
     per_object: bool = False  # count objects, too
     lower: bool = False  # low scores are anomalous
@@ -205,7 +205,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
-    """Check that a scene has the grid of the reference. Raises InputError: it has not."""
+    """Check that a scene has the grid of the reference. Raises InputError: the grids differ."""
     if not same_grid(raster_of(scene).info, grid):
         sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(

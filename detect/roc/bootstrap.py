@@ -92,7 +92,7 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Rates Pfa, (62,): one below one pixel of `background`, then 61 from one pixel to all in logarithmic steps."""
+    """Rates Pfa, (62,): 0.5 / `background`, which allows no pixel; then 61 in logarithmic steps from one pixel to 1."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 

@@ -235,7 +235,7 @@ class Comparison:
 
     auc: tuple[float, float]  # the two areas
     difference: float  # first minus second area
-    standard_error: float  # of the difference
+    standard_error: float  # standard error of the difference
     z: float  # difference / standard error; NaN where both are 0
     p: float  # two-sided p-value of z; 1 where both are 0
     low: float

@@ -40,7 +40,7 @@ _FINE_PIXEL = 5.0
 """Pixel side below which a pixel is smaller than a boat [m]. There, submerged objects darker than the water count."""
 _ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0
-"""A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
+"""Pixels farther than this multiple of the median distance are excluded from the statistics: 1e-9 of normal water."""
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
 _FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
@@ -68,7 +68,7 @@ class GlintScale:
 
     centre: Float64  # (band,): median of the NIR over water
     spread: Float64  # (band,): robust standard deviation of the NIR over water
-    side: int  # of the largest averaging window of the scores [pixel]
+    side: int  # side of the largest averaging window of the scores [pixel]
     glint: Float64  # (class,): median of the standardised NIR of the class, see `nearby`; ascending
     factor: Float64  # (class,): divisor: usual score of the class / usual score of all water; does not decrease
 
@@ -175,8 +175,8 @@ def fit(
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
     """Distance of every pixel of the sea from the water around it [standard deviation]; NaN on land and on the rim.
 
-    The block and its NIR, (band, row, column), and its classes hold the wanted part and a margin of `model.halo`
-    pixels. The NIR is needed where `fit` was given it.
+    The block and its NIR, (band, row, column), and its classes contain the requested part and a margin of `model.halo`
+    pixels. The NIR is needed if the model was fitted with it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
@@ -189,7 +189,7 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _State:
-    """A block `x` in robust standard deviations, its `means` at every scale, and masks: `used` is in the statistics."""
+    """A block in robust standard deviations (`x`), its `means` at every scale, and the pixels in use (`used`)."""
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
@@ -210,7 +210,7 @@ class _State:
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, variance: Float64) -> list[Array]:
-        """Standardised contrast z at every scale, (band, row, column); `variance` (scale, band): of the whole sea."""
+        """Standardised contrast z at every scale, (band, row, column); `variance`, (scale, band), of the whole sea."""
         mean, count = self.local()
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -235,7 +235,7 @@ def _sums(values: Array, side: int) -> Array:
 
 
 def _distance(z: Array, white: Float64, side: str) -> Float32:
-    """Mahalanobis distance of contrasts z, (band, row, column); for the side "bright" 0 at darker pixels."""
+    """Mahalanobis distance of contrasts z, (band, row, column); for the side "bright", darker pixels have 0."""
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
     if side == "bright":

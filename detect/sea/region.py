@@ -48,9 +48,9 @@ _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 class SeaRule:
     """Size of a pixel and of the largest floating object; with a length of 0 the water mask is used as it is."""
 
-    pixel: float  # side [m]
-    length: float = LARGEST[0]  # of the largest floating object [m]
-    width: float = LARGEST[1]
+    pixel: float  # side of a pixel [m]
+    length: float = LARGEST[0]  # length of the largest floating object [m]
+    width: float = LARGEST[1]  # width of the largest floating object [m]
 
     def __post_init__(self) -> None:
         if not self.pixel > 0:
@@ -101,7 +101,7 @@ def _opened(mask: Mask, window: Uint8) -> Mask:
 
 
 def _line(length: float, angle: float) -> Uint8:
-    """Window in the shape of a line of a length [pixel], at an angle clockwise from the columns [degree]."""
+    """Window in the shape of a line: its length [pixel], and its angle clockwise from the upward direction [degree]."""
     import cv2
 
     half = (length - 1) / 2

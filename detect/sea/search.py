@@ -34,9 +34,9 @@ _BODY = 60
 """Size from which a candidate is confirmed whatever its peak, where pixels are smaller than a boat [pixel]: noise that
 is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6
-"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: that of a disc of 4 m, the smallest
-object that glint removal keeps. Residual glint is smaller."""
-_LEAST = 50  # minimum number of peaks for a fit
+"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc with a diameter of 4 m is the
+smallest object that glint removal keeps. Residual glint is smaller."""
+_LEAST = 50  # a distribution is fitted to more than this number of peaks
 _MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bulk of the water
 
 
@@ -50,13 +50,13 @@ class Clutter:
     tail: Tail  # highest scores of the sea without the pixels of confirmed objects
     low: float  # score that the pixels of candidates exceed
     peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
-    area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
+    area: float  # area of the searched sea [km2]; NaN where the size of a pixel is not known
     confirmed: int  # number of confirmed objects
     confirmed_pixels: int  # number of their pixels
-    shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
-    scale: float
+    shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
+    scale: float  # scale of the distribution [unit of the scores]
     large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
-    large_share: float = 1.0  # fraction of the unconfirmed candidates that have as many pixels
+    large_share: float = 1.0  # fraction of the unconfirmed candidates with at least so many pixels
 
     @property
     def fitted(self) -> bool:
@@ -84,7 +84,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that so many false objects per km2 exceed. Raises InputError: the area is not known."""
+        """`score_top` that the expected `false_per_km2` false objects exceed. Raises InputError: no area is known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
