@@ -104,7 +104,7 @@ def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None
     """Fill `out` with the scores of `flat`, (bands, pixels); `matrix` is `detector.whiten` with a last row `linear`."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
-    # always the same width: BLAS may add in another order at the end of a shorter one
+    # always the same width: at the end of a shorter matrix, BLAS may add in another order
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))
     for start in range(0, len(out), width):

@@ -64,7 +64,7 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """Function that scores a tile, shared by the threads. Only `lines` has a state."""
+    """Callable that scores a tile, shared by all threads. Only the method "lines" keeps a state (`lines`)."""
 
     plan: Plan
     keep: int = 0  # number of highest scores that a tile returns

@@ -259,7 +259,7 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
     difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         z = float(np.divide(difference, error))
-    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # all ranks are equal
+    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # equal ranks
     low, high = difference - _Z * error, difference + _Z * error
     pixels = int(np.count_nonzero(ok))
     return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)

@@ -276,7 +276,7 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
 
 
 def _combined(state: _State, model: SeaModel) -> Float32:
-    """Maximum of the normalised distances over the scales, in the unit of the first scale."""
+    """Maximum of the normalised distances over the scales, (row, column), in the unit of the distance at scale 1."""
     scales = zip(state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True)
     best = reduce(np.maximum, ((_distance(z, w, model.side) - low) / (high - low) for z, w, low, high in scales))
     low, high = float(model.middle[0]), float(model.rare[0])
