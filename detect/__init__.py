@@ -2,10 +2,10 @@
 
     import detect
 
-    scores = detect.rx(image)  # (band, row, column) in, a map of scores out
+    scores = detect.rx(image)  # (band, row, column) -> (row, column)
     detect.score_file("clean.tif", "scores.tif", detect.Recipe(pfa=1e-4), objects="found.geojson")
 
-Names are loaded when they are first used: importing detect itself costs next to nothing.
+Each name is loaded at its first use, so that importing detect is fast.
 """
 
 import logging
@@ -53,16 +53,16 @@ _HOMES = {
     "subspace_rx": "rx",
     "utd": "rx",
 }
-"""Module of each name; type checkers read the imports above, and a test compares the two."""
+"""Module that holds each public name. Type checkers read the imports above; a test compares the two."""
 
 __all__ = ["__version__", *_HOMES]
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-if not TYPE_CHECKING:  # a checker that saw it would take any name for one of type Any
+if not TYPE_CHECKING:  # with this function, a type checker would accept any name
 
     def __getattr__(name: str) -> object:
-        """Load a public name from the room it lives in."""
+        """Load a public name from its module, at its first use."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

@@ -1,20 +1,20 @@
 """The compiled inner loops of `detect.local`: moments of every pixel's ring, and the pixel's distance from them.
 
-Loops run over neighbouring pixels, which the compiler does several at a time.
+The innermost loops run over neighbouring pixels, so that the compiler uses vector instructions.
 """
 
 import numpy as np
 
 from deglint.jit import njit
 
-DONE, DEFICIENT, ASIDE = 0, 1, 255
+DONE, DEFICIENT, ASIDE = 0, 1, 255  # states of a pixel, see `distances`
 LANES = 64  # pixels whose covariances are factored side by side: they stay in the first-level cache
-EPS = 2.220446049250313e-16
+EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Sums of `width` values at distances of `step`, from sums of 1, 2, 4, ... values; overwrites `values`, `spare`."""
+    """out[k] = sum of values[k + m step] over m < `width`, from sums of 1, 2, 4, ...; overwrites `values`, `spare`."""
     done, span = 0, 1
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sums of products along the rows: over the width of the window (`whole`), and without the guard (`beside`)."""
+    """Sums of first * second along rows: fill `whole` (width of the window) and `beside` (same, without the guard)."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -56,9 +56,11 @@ def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-un
 
 @njit(nogil=True, cache=True)
 def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
-    """Sums over the four bars around each pixel's guard of the products x[i] x[j], j <= i.
+    """Fill `out` with sums of the products x[i] x[j], j <= i, over the ring of each pixel: four bars around its guard.
 
-    x : (1 + bands, rows, columns), the first 1 where valid; out : (products, rows, columns), smaller by a window less 1
+    x : (1 + bands, rows, columns), the first is 1 where a pixel is valid
+    inner, bar : width of the guard, and of a bar [pixel]
+    out : (products, rows, columns), with `inner` + 2 `bar` - 1 rows and columns fewer than x
     """
     rows, columns = x.shape[1], out.shape[2]
     whole, beside = np.empty((rows, columns)), np.empty((rows, columns))
@@ -77,10 +79,12 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot), 0 where the pivot is lost or inexact, and mark such pixels in `state`.
+    """Fill `scale` with 1 / sqrt(pivot). Where the pivot is lost or inexact, `scale` is 0, and `state` marks the pixel.
 
-    A pivot is lost where it is below `exact`, and inexact below a thousand times `exact`, of the sum of squares that it
-    was taken from. `ring` holds that sum, the number of pixels, and the distance of the pixel from their mean.
+    pivot : what earlier bands leave of the sum of squares of a band; lost below `exact` times the sum, inexact below
+        1000 times as much
+    rest : what earlier bands leave of the deviation of the pixel from the mean of its ring
+    ring : sum of squares, number of pixels of the ring, and deviation of the pixel
     """
     square, count, away = ring
     for c in range(len(pivot)):
@@ -97,9 +101,9 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 
 @njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
-    """Squared Mahalanobis distances by Cholesky's factor, row by row; arrays are of `LANES` pixels.
+    """`distances` of `LANES` pixels side by side, by Cholesky's factor, row by row.
 
-    `root` is filled with the factor of the covariance, (bands, bands), and below it with the whitened pixel.
+    `root`, (bands + 1, bands, pixels), is filled with the factor; its last row with the whitened pixels.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
@@ -142,10 +146,10 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of pixels from their rings, and the state of each.
 
-    DONE; DEFICIENT: linearly dependent bands of the ring were left out, as the pixel has the same dependence; ASIDE:
-    the sums are not precise enough.
+    The states are DONE; DEFICIENT: bands of the ring are linearly dependent, and were left out because the pixel has
+    the same dependence; ASIDE: the sums are not precise enough, or the ring has too few pixels: `total` is not valid.
 
-    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : (pixels,)
+    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : outputs, (pixels,)
     """
     bands, products = len(x), len(sums)
     root = np.zeros((bands + 1, bands, LANES))

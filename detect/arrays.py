@@ -1,4 +1,4 @@
-"""Types of arrays."""
+"""Names for the types of numpy arrays."""
 
 from typing import Any
 

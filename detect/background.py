@@ -1,7 +1,7 @@
 """The background: mean and covariance of the pixels of a scene, used to score this scene or another.
 
-`fit` takes a whole array. `Part` takes any number of tiles and gives the same background to the bit. A `Background` can
-be saved; `detect.rx` computes scores with it. No file is opened here.
+`fit` takes a whole array. `Part` takes tiles, and gives the same background to the bit. A `Background` can be saved;
+`detect.rx` computes scores with it. No file is opened here.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class Background:
     n : int
         Number of pixels that it was fitted to.
     mean, rest : (bands,) ndarray
-        The mean is mean + rest, in two doubles for precision.
+        The precise mean is mean + rest; `rest` is the rounding error of `mean`.
     covariance : (bands, bands) ndarray
-        Divided by n - 1; shrunk or robust where the rule says so.
+        Covariance as estimated by `rule`, divided by n - 1.
     rule : str
-        One of `COVARIANCES`.
+        Estimator of the covariance, one of `COVARIANCES`.
     shrinkage : float
-        Weight of the identity in the shrunk correlation, or the added ridge.
+        Weight of the identity in the shrunk correlation; for "ridge" the added share of the variance.
     names : tuple of str
-        Band names, where known.
+        Names of the bands; empty where they are not known.
     """
 
     n: int
@@ -68,7 +68,7 @@ class Background:
         return len(estimates.whitener(self.covariance))
 
     def numbers(self) -> dict[str, Any]:
-        """Everything as plain numbers, for JSON."""
+        """All fields and the rank as plain values for JSON."""
         return {
             "background": 1,
             "names": list(self.names),
@@ -82,12 +82,12 @@ class Background:
         }
 
     def to_json(self) -> str:
-        """As text, from which `from_json` makes the same bits."""
+        """Text from which `from_json` restores the background to the bit."""
         return json.dumps(self.numbers(), indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> Background:
-        """Read what `to_json` wrote; an InputError where it is something else, or damaged."""
+        """Restore a background from the text of `to_json`. Raises InputError: the text is damaged, or another one."""
         try:
             found = json.loads(text)
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
@@ -106,12 +106,15 @@ class Part:
     """Contribution of tiles to the background of a scene: moments of cells, and sampled pixels with their positions."""
 
     cells: CellMoments
-    places: Int64
-    values: Array
+    places: Int64  # (2, samples): rows and columns in the scene
+    values: Array  # (bands, samples)
 
     @classmethod
     def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
-        """Part of a block whose first pixel is at `origin` in the scene; one pixel in `share` is sampled (0: none)."""
+        """Part of a block, (band, row, column), with its first pixel at the row and column `origin` of the scene.
+
+        One pixel in `share` is sampled; 0: none. The mask, (row, column), is True at pixels of the background.
+        """
         rows = columns = np.zeros(0, np.int64)
         if share:
             good = np.asarray(np.isfinite(block).all(axis=0))
@@ -121,7 +124,7 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Part]) -> Part:
-        """Merge parts: first the cells of each row of cells, then the rows.
+        """Merge parts: the cells of each row of cells become one cell.
 
         Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the
         result is the same to the bit for any tiling.
@@ -136,7 +139,7 @@ class Part:
         return cls(cells, places, values)
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
-        """The background of all pixels; raises as `fit`."""
+        """Estimate the background from all pixels of the part; parameters and errors as `fit`."""
         sample = self.values[:, np.lexsort(self.places[::-1])].T
         moments = Part.merge([self]).cells.by_place().total()
         return estimate(moments, covariance, ridge=ridge, names=names, sample=sample)
@@ -153,22 +156,22 @@ def fit(
     image : (band, row, column) ndarray
         Any real type; pixels with NaN or infinity in any band are excluded.
     mask : (row, column) bool ndarray, optional
-        True where a pixel belongs to the background.
+        True where a pixel belongs to the background; by default all valid pixels belong to it.
     covariance : str
-        One of `COVARIANCES`.
+        Estimator of the covariance, one of `COVARIANCES`.
     ridge : float
         For "ridge": this share of each band's variance is added to it.
     names : sequence of str
-        Band names to store in the background.
+        Names of the bands, to store in the background.
     threads : int, optional
-        By default all processors. The result does not depend on it.
+        Number of threads, by default all processors. The result does not depend on it.
 
     Raises
     ------
     FitError
-        Fewer than two valid pixels.
+        Fewer than two pixels are valid, or the squares of the values exceed double precision.
     InputError
-        Unknown covariance, or the shapes of image and mask differ.
+        The covariance or the ridge is not allowed, or the shapes of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)
@@ -189,7 +192,7 @@ def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
     sample: Array | None = None,
 ) -> Background:  # fmt: skip
-    """Background from moments; "mcd" and "ledoit-wolf" also need a sample of pixels, (pixels, bands)."""
+    """Estimate a background from moments; "mcd" and "ledoit-wolf" also need a sample of the pixels, (pixels, bands)."""
     check_rule(covariance, ridge)
     n = moments.n
     if n < 2:
@@ -224,19 +227,19 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """Sampling interval for a covariance rule: one pixel in this many is sampled; 0: none."""
+    """Sampling interval for an estimator of the covariance in a scene of `pixels` pixels: one pixel in N; 0: none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
 def check_rule(covariance: str, ridge: float) -> None:
-    """Check the name of the estimator and the value of the ridge."""
+    """Check the name of the estimator and the value of the ridge. Raises InputError: one is not allowed."""
     check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
 def as_image(image: Array) -> Array:
-    """Convert to an array, and check that it is (band, row, column) of real numbers; else raise an InputError."""
+    """Convert to an array. Raises InputError: it is not (band, row, column), or not of real numbers."""
     image = np.asarray(image)
     if image.ndim != 3 or not len(image):
         raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")
@@ -246,7 +249,7 @@ def as_image(image: Array) -> Array:
 
 
 def as_mask(mask: Array | None, image: Array) -> Mask | None:
-    """Convert to a bool array, and check that it has the rows and columns of the image; else raise an InputError."""
+    """Convert to a bool array. Raises InputError: it does not have the rows and columns of the image."""
     if mask is None:
         return None
     mask = np.asarray(mask)

@@ -1,7 +1,7 @@
 """Covariance of a background (empirical, shrunk or robust), and whitening matrix of any covariance, singular or not.
 
-All functions scale the bands to unit variance, so that no result depends on their units. Bands that do not vary or are
-linearly dependent are left out.
+No result depends on the units of the bands: all functions work on the correlation matrix. Bands that do not vary are
+left out; of linearly dependent bands, only the independent directions are used.
 
 References
 ----------
@@ -20,23 +20,23 @@ import numpy as np
 from .arrays import Array, Float64
 
 TOLERANCE = 10 * np.finfo(np.float64).eps
-"""Relative rounding error: eigenvalues below this, times the number of bands, times the largest, count as 0."""
+"""Relative rounding error. Eigenvalues up to this times the number of bands times the largest eigenvalue count as 0."""
 _STEPS = 100  # maximum number of concentration steps; a dozen are usual
 _TRIM = 0.975  # fraction of a normal background that the last, reweighted step of the robust estimate keeps
 
 
 def standardised(covariance: Float64) -> tuple[Float64, Float64]:
-    """Correlation matrix, and 1 / standard deviation of each band; both 0 for a band that does not vary."""
+    """Correlation matrix, (bands, bands), and 1 / standard deviation, (bands,); both 0 where a band does not vary."""
     with np.errstate(divide="ignore"):
         scale = np.where(np.diag(covariance) > 0, 1 / np.sqrt(np.diag(covariance)), 0.0)
     return covariance * scale[:, None] * scale, scale
 
 
 def whitener(covariance: Float64) -> Float64:
-    """Whitening matrix W, (rank, bands): W x has uncorrelated components of unit variance, and W^T W is the inverse.
+    """Whitening matrix W, (rank, bands): the components of W x are uncorrelated and have unit variance.
 
-    Columns of bands that do not vary are 0. The pseudo-inverse is taken of the correlation, so that it does not depend
-    on the bands' units.
+    W^T W is the inverse of the covariance. Of a singular covariance it is a pseudo-inverse, computed from the
+    correlation, so that it does not depend on the units. Columns of bands that do not vary are 0.
     """
     correlation, scale = standardised(covariance)
     values, vectors = np.linalg.eigh(correlation)
@@ -50,12 +50,12 @@ def ridged(covariance: Float64, ridge: float) -> Float64:
 
 
 def shrunk(covariance: Float64, shrinkage: float) -> Float64:
-    """Covariance whose correlation is shrunk towards the identity; `shrinkage` is the identity's weight, 0 to 1."""
+    """Covariance whose correlation is shrunk towards the identity with the weight `shrinkage`, 0 to 1."""
     return (1 - shrinkage) * covariance + shrinkage * np.diag(np.diag(covariance))
 
 
 def oas_shrinkage(covariance: Float64, n: int) -> float:
-    """Oracle-approximating shrinkage of the correlation (Chen et al. 2010, eq. 23) for n normal pixels."""
+    """Weight of the identity by oracle-approximating shrinkage (Chen et al. 2010, eq. 23), for n normal pixels."""
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     if p < 2:
@@ -66,14 +66,14 @@ def oas_shrinkage(covariance: Float64, n: int) -> float:
 
 
 def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float:
-    """Ledoit and Wolf's shrinkage of the correlation (2004, lemmas 3.2-3.4) for n pixels.
+    """Weight of the identity by Ledoit and Wolf (2004, lemmas 3.2-3.4), for n pixels.
 
-    The covariance is divided by n, not n - 1. `sample`, (pixels, bands), holds some or all of them less their mean.
+    The covariance is divided by n, not n - 1. `sample`, (pixels, bands): some or all of the n pixels, minus their mean.
     """
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     total = float((correlation**2).sum())
-    distance = total - p  # |R - I|^2: the mean of R's diagonal is 1
+    distance = total - p  # |R - I|^2, because the diagonal of R is 1
     if p < 2 or distance <= 0 or not len(sample):
         return 0.0
     fourth = float((((sample * scale) ** 2).sum(axis=1) ** 2).mean())
@@ -81,19 +81,19 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 
 
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
-    """Mean and covariance of the core of a sample: deterministic minimum covariance determinant, reweighted.
+    """Mean, covariance, and number of pixels in the estimate: minimum covariance determinant of a sample, reweighted.
 
-    Concentration steps (Rousseeuw and Van Driessen 1999, theorem 1) from three deterministic starts, as Hubert et al.
-    (2012) proposed. The core has the share `keep`, 0.5 to 1, of the finite pixels of `sample`, (pixels, bands); the
-    others may be anything. The covariance is made consistent for a normal background. The last value is the number of
-    pixels in the reweighted estimate. Costs some dozen passes over the sample.
+    The core is the fraction `keep`, 0.5 to 1, of `sample`, (pixels, bands), whose covariance has the smallest
+    determinant. All pixels must be finite; outside the core they may have any values. Concentration steps (Rousseeuw
+    and Van Driessen 1999, theorem 1) begin with three deterministic estimates, after Hubert et al. (2012). The estimate
+    is then reweighted, and scaled to be consistent for a normal background: some dozen passes over the sample.
     """
     from scipy.stats import chi2
 
     centre = np.median(sample, axis=0)
     x = sample - centre
     spread = np.median(np.abs(x), axis=0) * 1.4826
-    spread = np.where(spread > 0, spread, x.std(axis=0))  # more than half of a band's pixels may be alike
+    spread = np.where(spread > 0, spread, x.std(axis=0))  # more than half of the pixels may be equal
     scaled = np.divide(x, spread, out=np.zeros_like(x, np.float64), where=spread > 0)
     count = max(int(np.ceil(keep * len(x))), min(len(x), x.shape[1] + 2))
     found = [_concentrate(scaled, count, *start) for start in _starts(scaled, count)]
@@ -112,7 +112,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """Means and covariances to start from; x is in robust standard deviations from the median."""
+    """First means and covariances for `_concentrate`; x, (pixels, bands), has median 0 and robust deviation 1."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
@@ -127,7 +127,10 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Concentration steps until the volume is constant; return mean, covariance and logarithm of the volume."""
+    """Fit mean and covariance to the `count` nearest pixels, repeatedly, until the determinant no longer decreases.
+
+    Returns mean, covariance and the logarithm of the determinant.
+    """
     before = np.inf
     for _ in range(_STEPS):
         nearest = np.argpartition(_distances(x, mean, covariance), count - 1)[:count]
@@ -144,6 +147,6 @@ def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> 
 
 
 def _distances(x: Float64, mean: Float64, covariance: Float64) -> Float64:
-    """Squared Mahalanobis distances."""
+    """Squared Mahalanobis distances of the pixels x, (pixels, bands), from a mean; (pixels,)."""
     z = (x - mean) @ whitener(covariance).T
     return np.asarray((z**2).sum(axis=1))

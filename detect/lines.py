@@ -1,4 +1,4 @@
-"""RX line by line, with the statistics of the lines before: for push-broom sensors, on board, in bounded memory.
+"""RX line by line, compared with the lines before: for push-broom sensors, on board, in bounded memory.
 
 Mean and covariance are exponential averages over the previous lines. A line is scored first, and then added to the
 averages without its pixels of high scores, so that a target is not part of its own background.
@@ -16,21 +16,21 @@ from .arrays import Float32, Float64
 from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
-_FIRST = 4  # pixels per band that the statistics need before a line is scored
+_FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
 _OUT = 5.0
-"""Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics: 5e-4 of
-normal pixels of 4 bands."""
+"""Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics. With 4
+bands, a fraction of 5e-4 of normal pixels is excluded."""
 _LINE_RIDGE = 1e-6
 """Fraction of each band's variance that is added to it, so that the covariance of collinear bands can be inverted."""
 
 
 class LineScorer:
-    """Scorer of successive lines.
+    """RX of successive lines of an image; keeps mean and covariance of the lines before.
 
     Parameters
     ----------
     lines : int
-        Lines that the statistics remember (time constant of the exponential average).
+        Time constant of the exponential averages [line].
 
     Examples
     --------
@@ -65,7 +65,7 @@ class LineScorer:
         Raises
         ------
         InputError
-            The number of bands changes.
+            The line is not (band, column), or the number of bands changes.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
@@ -88,7 +88,7 @@ class LineScorer:
         return out
 
     def _learn(self, taken: Float64) -> None:
-        """Add pixels, (band, pixel), to the averages."""
+        """Add pixels of a line, (band, pixel), to the averages."""
         count = taken.shape[1]
         centre = taken.mean(axis=1)
         away = taken - centre[:, None]
@@ -102,13 +102,13 @@ class LineScorer:
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
-    """Scores of successive lines; see `LineScorer`.
+    """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
 
     Parameters
     ----------
     lines : iterable of (band, column) array
     memory : int
-        Lines that the statistics remember.
+        Time constant of the exponential averages [line].
     """
     scorer = LineScorer(memory)
     for line in lines:

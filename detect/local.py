@@ -1,9 +1,9 @@
 """Local RX: the distance of every pixel from the ring of pixels around it.
 
-The background of a pixel is its ring: a window with sides of `outer` pixels without a guard with sides of `inner`
-pixels. For few bands the moments of the ring are sums over the window, whose cost grows with the logarithm of the
-window. For many bands, and where the sums are not precise enough, each pixel is computed from the pixels of its ring. A
-score is the same to the bit in any tiling whose tiles start at multiples of `CELL`. No file is opened here.
+The background of a pixel is its ring: a square window of `outer` x `outer` pixels without its centre, the guard, of
+`inner` x `inner` pixels. For few bands, the moments of the ring are sums over the window; their cost grows with the
+logarithm of `outer`. For many bands, and where the sums are not precise enough, each pixel is computed from the pixels
+of its ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
 
 The ring is the sum of four bars around the guard, not the difference of two squares, and the sums never subtract a
 value. So an extreme pixel does not reduce the precision of rings that do not contain it.
@@ -29,23 +29,23 @@ from .background import as_image, as_mask, check_rule
 from .covariance import TOLERANCE
 
 CELL = 256
-"""Side of the cells that are computed at a time [pixel]. Tiles that start at its multiples give identical scores."""
+"""Side of the cells that are computed at a time [pixel]. Tiles that start at multiples of it have identical scores."""
 BORDERS = ("shrink", "mirror", "shift")
-"""Windows at the edge of the image: without the part outside, with the image mirrored, or moved inside."""
+"""Rules for a window at the edge of the image: ignore the part outside, mirror the image, or move the window inside."""
 SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
-"""Bits of `flags`; 0 for none."""
+"""Values of `flags` in `local_rx` and their meanings; 0 where there is nothing to note."""
 _DIRECT = 255
-"""State of pixels that are computed one by one, as `ASIDE`: many bands, imprecise sums, or a window moved inside."""
+"""State (`ASIDE` of `_local_kernel`) of pixels to compute one by one: many bands, imprecise sums, or a moved window."""
 
 
 @dataclass(frozen=True)
 class WindowRule:
-    """Checked parameters of `local_rx`, and the size of the whole scene."""
+    """Checked parameters of `local_rx`, and `size`, the number of rows and columns of the whole scene."""
 
     inner: int
     outer: int
@@ -77,7 +77,7 @@ def local_rx(
     image: Array, *, inner: int, outer: int, mask: Mask | None = None,
     flags: Uint8 | None = None, threads: int = 1, **options: Any,
 ) -> Scores:  # fmt: skip
-    """Local RX with a dual window.
+    """Local RX with a dual window: squared Mahalanobis distance of every pixel from the ring of pixels around it.
 
     Parameters
     ----------
@@ -88,24 +88,25 @@ def local_rx(
     mask : (row, column) bool ndarray, optional
         True where a pixel is used; the others are in no ring, and score NaN.
     flags : (row, column) uint8 ndarray, optional
-        Filled with `STATES`.
+        Output array: it is filled with 0, or a key of `STATES`.
     threads : int
-        The result does not depend on it.
+        Number of threads. The result does not depend on it.
     **options
         border, where the window reaches beyond the image: "shrink" (default) ignores the part outside; "mirror"
         mirrors the image at its edge; "shift" moves window and guard inside, each by the smallest distance. ddof, 1 by
-        default: the covariance is divided by pixels - ddof; 0 in most published figures. ridge, 0 by default: share of
+        default: the covariance is divided by pixels - ddof; most publications use 0. ridge, 0 by default: share of
         each band's variance that is added to it.
 
     Returns
     -------
     (row, column) ndarray
-        float64 for float64, else float32; NaN where the pixel is not valid or its ring has fewer than 2 pixels.
+        float64 for a float64 image, else float32. NaN where the pixel is not valid, or its ring has fewer than 2 valid
+        pixels or not more than ddof.
 
     Raises
     ------
     InputError
-        A window that is not odd, too large for its border rule, or shapes that do not fit.
+        `inner` and `outer` are not allowed, the window is too large for the border rule, or shapes differ.
 
     Examples
     --------
@@ -133,10 +134,11 @@ def score_part(
     block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None,
     *, flags: Uint8 | None = None, threads: int = 1,
 ) -> Scores:  # fmt: skip
-    """Scores of a part of a scene from a block that holds it and, as far as the scene goes, a halo around it.
+    """Scores of the tile `part` of a scene, (row, column), from a block that contains the tile and its halo.
 
-    `held` is the tile of the block; the first row and column of `part` are multiples of `CELL`. The mask is of the
-    block, the flags of the part; else as `local_rx`.
+    `held` is the tile of the block, (band, row, column); the halo ends at the edge of the scene. The first row and
+    column of `part` are multiples of `CELL`. The mask has the shape of the block, the flags have the shape of the
+    part. Other parameters as `local_rx`.
     """
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
@@ -157,7 +159,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and states of one cell."""
+    """Scores and states (`STATES`) of one cell, (row, column) each; `good` is the mask of valid pixels of the block."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
     if not inside.any():
@@ -185,7 +187,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """The cell with its halo: 1 where it is valid, then the bands less a typical pixel; 0 where it is not."""
+    """The cell with its halo, (1 + band, row, column): 1, then the bands minus their median; 0 where not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
@@ -202,7 +204,7 @@ def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) 
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
-    """Score and state of one pixel from the pixels of its ring."""
+    """Score and state (`STATES`) of the pixel at row and column `place` of the scene, from the pixels of its ring."""
     corner, outer, inner = [], [], []
     for at, size in zip(place, rule.size, strict=True):
         places = _places(at, size, rule.outer, rule.border)
@@ -230,7 +232,7 @@ def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: 
 
 
 def _places(at: int, size: int, side: int, border: str) -> Int64:
-    """Rows (or columns) of the window around a row, by the border rule; mirrored ones occur twice."""
+    """Rows (or columns) of the window around the row `at` of `size` rows; rows that are mirrored occur twice."""
     first = at - side // 2
     if border == "shift":
         first = min(max(first, 0), size - side)
@@ -242,7 +244,10 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
 
 
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """d^T (R^T R)^+ d for the ring R, less its mean and weighted by `root`; and whether R has full rank."""
+    """d^T M^+ d with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,); and whether M has full rank.
+
+    R = `ring`, (pixel, band): the mean is subtracted, and each row is multiplied by `root`, the root of its weight.
+    """
     bands = ring.shape[1]
     if bands > SUMS_BANDS:
         return _by_cholesky(ring, away, root, ridge)
@@ -258,14 +263,14 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
 
 
 def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """The same for many bands, from the smaller of R^T R and R R^T: |(R R^T)^+ R d|^2."""
+    """`_inverse_form` for many bands, by Cholesky: from M, or if pixels are few from R R^T, as |(R R^T)^+ R d|^2."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape
     few = pixels <= bands and ridge == 0
     if few:
         matrix, right = ring @ ring.T, ring @ away
-        # the mean was taken away, so R R^T does not see `root`; R d has no part along it either
+        # the mean is subtracted, so R R^T maps `root` to 0; R d is orthogonal to it
         unit = root / np.linalg.norm(root)
         filled = matrix + np.outer(unit, unit) * (np.trace(matrix) / pixels)
     else:
@@ -280,7 +285,7 @@ def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> t
         return float(z @ z), not few
     if not np.trace(matrix) > 0:
         return 0.0, False
-    # a pivoted factor L of as many columns as the rank: the pseudo-inverse is L (L^T L)^-2 L^T
+    # pivoted factor L with as many columns as the rank; the pseudo-inverse is L (L^T L)^-2 L^T
     lower, pivots, rank, _ = dpstrf(matrix, lower=1, tol=TOLERANCE * len(matrix) * np.trace(matrix))
     lower, right = np.tril(lower)[:, :rank], right[pivots - 1]
     gram = dpotrf(lower.T @ lower, lower=1)[0]

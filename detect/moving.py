@@ -1,9 +1,10 @@
 """Speed and heading of moving boats, from bands that are not simultaneous.
 
 A boat with velocity v is at p in one band, and at p + v t in a band recorded t later. Every detection in the first band
-is combined with every detection in the last band within reach. The uniform motion between them must meet a detection in
-each of the other bands. Detections are deviations from the water around them. Waves and sparkle are at unrelated places
-in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two detections.
+is combined with every detection in the last band that a boat can reach. The uniform motion between them must meet a
+detection in each of the other bands. Detections deviate from the water around them. Waves and sparkle are at unrelated
+places in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two
+detections.
 """
 
 import math
@@ -18,28 +19,28 @@ from deglint.errors import InputError
 from .arrays import Float32, Float64, Mask
 
 FASTEST = 20.0  # maximum speed of a boat [m/s]
-_WATER_WINDOW = 31  # side of the window of water that contrast is taken from [pixel]
-_SIGMA = 6.0  # contrast of a detection [robust standard deviation]: a boat is in all bands, noise and sparkle in one
+_WATER_WINDOW = 31  # side of the window whose mean of water is subtracted for the contrast [pixel]
+_SIGMA = 6.0  # minimum contrast of a detection [robust standard deviation]: boats are in all bands, sparkle in one
 _CHANCE = 0.05
-"""Maximum expected number of motions by chance in an image: some of many wave crests fit a uniform motion."""
+"""Maximum expected number of motions by chance in an image: if there are many wave crests, some fit a motion."""
 _NEAR = 1.0  # maximum distance of a detection from a uniform motion [pixel]
 _SLOWEST = 0.25  # minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured
 
 
 @dataclass(frozen=True)
 class Mover:
-    """A boat, and how it moves."""
+    """Place and motion of a boat."""
 
     row: float  # at the time 0 of the delays [pixel]
-    column: float
+    column: float  # at the time 0 of the delays [pixel]
     speed: float  # [m/s]
-    heading: float  # where to, clockwise from the upward direction of the image [degree]
+    heading: float  # direction of the motion, clockwise from the upward direction of the image [degree]
     error: float  # root mean square distance of its places from a uniform motion [pixel]
-    contrast: float  # least peak over the bands [robust standard deviation]
+    contrast: float  # peak contrast in the band where it is lowest [robust standard deviation]
 
 
 def _contrast(band: Float32, water: Mask) -> Float32:
-    """Deviation of every pixel from the water around [robust standard deviation]."""
+    """Deviation of every pixel from the water around it [robust standard deviation], (row, column); 0 for NaN."""
     import cv2
 
     known = water & np.isfinite(band)
@@ -59,9 +60,9 @@ def find_moving(
     """Find boats that moved between the bands of an image, (band, row, column), that is registered to the ground.
 
     `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], `water`, (row,
-    column), is where to search. The highest contrast comes first. Where so many pixels are detected that motions are
-    expected by chance, there are none. An InputError: image and delays do not fit, fewer than three times differ, or
-    the pixel is not above 0 m.
+    column), is the mask of the pixels to search. Boats are in order of descending contrast. The list is empty if there
+    are so many detections that motions are expected by chance. Raises InputError: image and delays do not fit, fewer
+    than three times differ, or the pixel is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -86,7 +87,7 @@ def find_moving(
 
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
-    """Row and column (means weighted by contrast) and peak of every detection, (detection, 3)."""
+    """Row and column (mean weighted by contrast) and peak contrast of every detection in `sea`, (detection, 3)."""
     from scipy import ndimage
 
     from .objects import label
@@ -98,7 +99,10 @@ def _peaks(contrasts: Float32, sea: Mask) -> Float64:
 
 
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
-    """Uniform motion through all bands that fits a detection best; None where there is none, or it does not move."""
+    """The boat at the detection `start` of the band `first`, with the motion that fits detections in all bands best.
+
+    `places` holds the detections of each band, (detection, 3). None: no motion fits, or it is too slow or too fast.
+    """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])
     reach = FASTEST * span / pixel
@@ -119,7 +123,7 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
 
 
 def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
-    """Least squares fit of a uniform motion to places, (band, 2) [pixel]."""
+    """Boat whose uniform motion fits the places `track`, (band, 2) [pixel], by least squares; `least`: its contrast."""
     step, place = np.polyfit(times, track, 1)
     error = float(np.sqrt(((track - place - np.outer(times, step)) ** 2).sum(axis=1).mean()))
     heading = math.degrees(math.atan2(step[1], -step[0])) % 360

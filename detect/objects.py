@@ -1,6 +1,6 @@
-"""From detected pixels to objects: connected parts of a mask, each with its score, size, place and outline.
+"""Objects are connected parts of a mask of detected pixels; each has a score, a size, a place and an outline.
 
-Arrays only. Pixels are counted from the array's upper left; outlines run along the edges of pixels.
+No file is opened here. Row 0, column 0 is the upper left pixel of the array; outlines run along the edges of pixels.
 """
 
 import math
@@ -16,12 +16,13 @@ from deglint.errors import InputError
 
 from .arrays import Array, Float64, Int32, Int64, Mask
 
-Ring = tuple[tuple[float, float], ...]
+Ring = tuple[tuple[float, float], ...]  # (column, row) corners of a closed polygon
 Move = Callable[[Sequence[tuple[float, float]]], list[tuple[float, float]]]
+"""Function that converts (column, row) corners to (longitude, latitude) [degree]."""
 _FOOTPRINT = 3
-"""Number of pixels in `Object.score_top`. The point spread function spreads a point over as many pixels; a single
-bright pixel is noise or an artefact of the removal. In six real scenes, 2 to 5 find the same number of ships within one
-or two per scene, and 3 never finds fewer than the highest pixel alone."""
+"""Number of pixels in `Object.score_top`. The point spread function spreads a point over about three pixels; a single
+bright pixel is noise or an artefact of the removal. In six real scenes, values of 2 to 5 find equally many ships within
+one or two per scene, and 3 never finds fewer than the highest pixel alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +32,23 @@ class Object:
     Attributes
     ----------
     label : int
-        From 1, the highest maximum score first.
+        Number of the object, from 1. `find` numbers objects in order of descending `score_max`.
     score_max, score_mean : float
-        Over its detected pixels.
+        Maximum and mean score of the detected pixels.
     size : int
-        Detected pixels [pixel].
+        Number of detected pixels.
     area : float or None
-        [m2]; None where the pixels' size is not known.
+        Area of the detected pixels [m2]; None where the size of a pixel is not known.
     centroid : (float, float)
-        Mean row and column of its pixels' centres, each pixel alike [pixel].
+        Mean row and column of the detected pixels, not weighted by score; integers are the centres of pixels.
     bounds : ((row0, row1), (col0, col1))
-        Half-open ranges that hold it.
+        Half-open ranges of rows and columns that contain the object.
     footprint : (rows, columns) ndarray of bool
-        Its pixels within `bounds`.
+        True at the detected pixels, within `bounds`.
     score_top : float
-        Root mean square of its three highest scores, missing pixels being 0: peak and extent in one number.
+        Peak and extent in one number: root mean square of the three highest scores; a missing pixel counts as 0.
     scores : (size,) ndarray
-        Of its detected pixels, in row-major order.
+        Scores of the detected pixels, in row-major order.
     """
 
     label: int
@@ -63,10 +64,10 @@ class Object:
 
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
-        """Polygons along pixel edges, each an outer ring and its holes, of (column, row) corners.
+        """Polygons along the edges of pixels: each has an outer ring, then its holes, as (column, row) corners.
 
-        Rings are closed and never touch themselves; parts that touch at a corner only are polygons of their own. The
-        first corner is (0, 0) where the array begins: a pixel (row, column) covers column to column + 1.
+        Rings are closed and never touch themselves; parts that touch only at a corner are separate polygons. (0, 0) is
+        the upper left corner of the array: the pixel (row, column) extends from `column` to `column` + 1.
         """
         from rasterio.features import shapes
         from rasterio.transform import Affine
@@ -81,11 +82,12 @@ def find(
     mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None,
 ) -> list[Object]:  # fmt: skip
-    """Objects of a detection mask, (row, column), the highest score first. Pixels that touch are one object.
+    """Find the objects of a mask of detected pixels, (row, column), in order of descending `score_max`.
 
-    Pixels touch at corners, too; those whose score is NaN do not count. Objects of fewer than `min_size` pixels are
-    dropped, after merging: parts whose nearest pixels are at most `merge_distance` apart, centre to centre [pixel], are
-    one object. `pixel_area` is that of a pixel [m2]. Shapes that differ, or an option out of range, are an InputError.
+    Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
+    pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
+    `min_size` pixels are dropped. `pixel_area` is the area of a pixel [m2]. Raises InputError: the shapes differ, or an
+    option is out of range.
 
     Examples
     --------
@@ -105,10 +107,10 @@ def find_among(
     rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """As `find` from the places and scores of detected pixels, (pixels,), for scenes that do not fit into memory.
+    """`find` for scenes that do not fit into memory: from rows, columns and scores of detected pixels, (pixels,) each.
 
-    Places are in row-major order. Only pixels with a score greater than `above` belong to objects; the others only
-    connect the parts of an object.
+    The pixels are in row-major order. Only pixels with a score greater than `above` belong to objects. The other pixels
+    connect the parts of an object, and count only for its `score_top`.
     """
     if min_size < 1:
         raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
@@ -137,7 +139,7 @@ def find_among(
 
 
 def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
-    """Number of the part that each pixel belongs to; corners connect."""
+    """Number of the part of each pixel, (pixels,). Pixels of a part touch, or are up to `distance` [pixel] apart."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -149,7 +151,7 @@ def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
 
 
 def label(mask: Mask) -> Int32:
-    """Number the connected parts of a mask from 1, 0 elsewhere; corners connect."""
+    """Number the parts of a mask, (row, column), from 1; 0 elsewhere. Pixels are connected also at their corners."""
     import cv2
 
     if mask.size == 0:  # OpenCV crashes
@@ -158,9 +160,9 @@ def label(mask: Mask) -> Int32:
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of objects' outlines and numbers (RFC 7946).
+    """GeoJSON FeatureCollection (RFC 7946) with the outlines and the numbers of objects.
 
-    `move` turns (column, row) corners into longitude and latitude; without it, coordinates are corners.
+    `move` converts (column, row) corners to longitude and latitude; without it, the coordinates are (column, row).
     """
     features = []
     for o in objects:
@@ -178,6 +180,6 @@ def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str,
 
 
 def _turned(ring: Sequence[tuple[float, float]], *, hole: bool) -> list[list[float]]:
-    """Orient an outer ring counter-clockwise and a hole clockwise (RFC 7946), in either orientation of the map."""
+    """Orient an outer ring counter-clockwise and a hole clockwise (RFC 7946), for any order of the given corners."""
     area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
     return [list(p) for p in (ring[::-1] if (area < 0) != hole else ring)]

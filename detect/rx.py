@@ -1,7 +1,7 @@
 """RX and related detectors: distance of a pixel from the background, relative to the background's covariance.
 
-A `Detector` is a matrix made once from a `detect.background.Background`; `score` applies it to blocks, pixel by
-pixel, so that it needs no halo and any tiling gives the same bits. Nothing here opens a file or chooses a threshold.
+A `Detector` holds the matrix that `detector` computes once from a `detect.background.Background`. `score` applies it to
+blocks, pixel by pixel: it needs no halo, and the scores are the same to the bit for any tiling. No file is opened here.
 
 References
 ----------
@@ -33,15 +33,15 @@ _CHUNK = 1024  # minimum number of pixels that are scored at a time: their white
 _PRODUCTS = 1 << 18  # multiplications in one matrix product: OpenBLAS starts no threads for so few
 _STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
-"""Tolerated error of the mean, by the type of the scores [standard deviation]."""
+"""Tolerated error of the mean [standard deviation], for each type of the scores."""
 
 
 @dataclass(frozen=True)
 class Method:
     """Entry of the table of detectors.
 
-    `matrices` computes `Detector.whiten` and, where there is one, `Detector.linear` from (background, whitener, drop,
-    nir); it is None for a detector that does not compare with one background.
+    `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
+    nir). It is None for a detector that does not compare with one background for the whole scene.
     """
 
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
@@ -51,19 +51,19 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector ready to use: scores are norm(whiten d)^2 + linear . d with d = x - mean - rest."""
+    """A fitted detector: the score of a pixel x, (bands,), is |whiten d|^2 + linear . d with d = x - mean - rest."""
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean
     whiten: Float64  # (rank, bands); the rank is the number of degrees of freedom
-    linear: Float64 | None = None  # (bands,)
+    linear: Float64 | None = None  # (bands,); None: the score has no linear term
 
 
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
     """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
 
-    "subspace" leaves `drop` leading eigenvectors out; "residual" regresses the other bands on `nir` (0-based). They are
-    an InputError where they leave nothing. A background of which no band varies is a FitError.
+    "subspace" leaves out `drop` leading eigenvectors; "residual" regresses the other bands on bands `nir` (0-based).
+    Raises InputError: no eigenvector or no band is left. Raises FitError: no band of the background varies.
     """
     known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
     check_choice(method, list(known), "method")
@@ -74,7 +74,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
 
 
 def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
-    """Scores of a block, as those of `rx`: computed in float64; NaN where a band is not finite, or outside the mask."""
+    """Scores of a block, (band, row, column), as `rx` returns them: NaN where not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
@@ -101,10 +101,10 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
 
 
 def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None:
-    """Fill `out` with the scores of (bands, pixels); `matrix` is `detector.whiten`, with `linear` as its last row."""
+    """Fill `out` with the scores of `flat`, (bands, pixels); `matrix` is `detector.whiten` with a last row `linear`."""
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
-    # always the same width: BLAS may add in another order at the end of a shorter one
+    # always the same width: at the end of a shorter matrix, BLAS may add in another order
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))
     for start in range(0, len(out), width):
@@ -119,12 +119,12 @@ def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None
 
 
 def _likeness(background: Background, whiten: Float64) -> Float64:
-    """Inverse covariance times the difference of ones and the mean."""
+    """Inverse covariance times (1 - mean), (bands,): the filter of the uniform target detector."""
     return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
 
 
 def _subspace(covariance: Float64, drop: int) -> Float64:
-    """Matrix that whitens without the leading eigenvectors of the covariance."""
+    """Whitening matrix, (rank, bands), without the `drop` leading eigenvectors of the covariance."""
     values, vectors = np.linalg.eigh(covariance)
     kept = np.flatnonzero(values > TOLERANCE * len(values) * values[-1])
     if not 0 <= drop < len(kept):
@@ -134,7 +134,7 @@ def _subspace(covariance: Float64, drop: int) -> Float64:
 
 
 def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
-    """Matrix that regresses the bands on the NIR and whitens what is left."""
+    """Matrix, (rank, bands), that regresses the other bands on the bands `nir` (0-based) and whitens the residuals."""
     bands = len(covariance)
     reference = sorted({int(b) for b in nir})
     others = [b for b in range(bands) if b not in reference]
@@ -144,7 +144,7 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     cross = covariance[np.ix_(others, reference)]
     slopes = cross @ inverse.T @ inverse
     left = covariance[np.ix_(others, others)] - slopes @ cross.T
-    # a band that the reference explains to the last digit is left out, as a constant one would be
+    # a band that the reference explains up to rounding errors is left out, like a constant band
     whole = np.diag(covariance)[others]
     gone = np.diag(left) <= TOLERANCE * bands * whole
     left[gone] = left[:, gone] = 0
@@ -179,12 +179,13 @@ def rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type, any units: the scores do not depend on them. A pixel that a masked array masks in some band is
+        Any real type, any units: the scores do not depend on them. Pixels that a masked array masks in any band are
         not valid.
     background : Background or (row, column) bool ndarray, optional
-        Fitted before (to another scene, say), or True where the background is; everything valid by default.
+        A background fitted before, also to another scene; or a mask, True where the background is to be fitted. By
+        default it is fitted to all valid pixels.
     mask : (row, column) bool ndarray, optional
-        True where a pixel counts; others are not fitted to, and score NaN.
+        True where a pixel is used; the others are not in the background, and their score is NaN.
     nodata : float, optional
         Value of pixels that are not valid, in any band. NaN is never valid.
     covariance, ridge
@@ -195,8 +196,8 @@ def rx(
     Returns
     -------
     (row, column) ndarray
-        float64 for float64, else float32; NaN where not valid. For a normal background of many pixels they follow
-        chi-squared with as many degrees of freedom as there are bands.
+        float64 for a float64 image, else float32; NaN where not valid. For a normal background of many pixels the
+        scores follow chi-squared with as many degrees of freedom as there are bands.
 
     Raises
     ------
@@ -227,7 +228,7 @@ def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """RX less UTD, (x - 1)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
+    """RX minus UTD, (x - 1)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
@@ -246,13 +247,13 @@ def subspace_rx(
 def residual_rx(
     image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
-    """RX of what is left of each band after regression on reference bands; other parameters as `rx`.
+    """RX of the residuals of the bands after regression on reference bands; other parameters as `rx`.
 
     Parameters
     ----------
     nir : sequence of int
-        0-based reference bands. The scores are those of RX on all bands less those of RX on the reference bands
-        alone: what the reference bands themselves show does not count.
+        0-based reference bands. The score is RX on all bands minus RX on the reference bands alone: anomalies that
+        only the reference bands show do not count.
     """
     return _run("residual", image, background, mask, nir=nir)
 
@@ -261,7 +262,7 @@ def _run(
     method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
-    """Fit a background where none is given, and score the image."""
+    """Score an image with a method; fit the background first if none is given. Parameters as `rx` and `detector`."""
     image = as_image(image)
     mask = as_mask(mask, image)
     threads = threads or default_threads()
@@ -277,7 +278,7 @@ def both(a: Mask | None, b: Mask | None) -> Mask | None:
 
 
 class _Callable(ModuleType):
-    """This module, which is called like its main function: `detect.rx` is both."""
+    """Type of this module, which makes it callable: `detect.rx(image)` calls `detect.rx.rx(image)`."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Scores:
         return rx(*args, **kwargs)

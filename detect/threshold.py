@@ -2,7 +2,7 @@
 
 A pixel is detected where its score is greater than the threshold; NaN is ignored. Real backgrounds are not Gaussian:
 check the observed rate of thresholds by chi-squared and F. `Tail` keeps the highest scores of a scene that does not fit
-into memory; tails of tiles are merged in any order. Opens no files.
+into memory; tails of tiles can be merged in any order. No file is opened here.
 
 References
 ----------
@@ -24,27 +24,29 @@ from deglint.errors import FitError, InputError
 from .arrays import Array, Float64
 
 THRESHOLDS = ("gpd", "empirical", "f", "chi2")
-"""Methods that determine the threshold for --pfa: the tail fitted to the scores, their quantile, F, and chi-squared."""
+"""Methods for the threshold of --pfa: a law fitted to the highest scores, their quantile, and the F and chi-squared law
+of a normal background."""
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
-_LEAST_EXCEEDANCES = 50
-_TAIL = 0.01  # fraction of the scores that are fitted; more where the rate, or few scores, ask for it
+_LEAST_EXCEEDANCES = 50  # minimum number of scores that a law is fitted to
+_TAIL = 0.01  # fraction of the scores that a law is fitted to; larger for high rates and for few scores
 _ENOUGH = 10  # minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object
 _POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
-"""Of the spline through the p-values: how far it goes, nodes, and the least p-value."""
+"""Spline of `fast_p_value`: largest square root of a score, number of nodes, and smallest p-value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tail:
-    """Number of scores, and the highest of them, which determine a threshold at a low false-alarm rate.
+    """The highest scores of a scene and the number of all its scores, for a threshold at a low false-alarm rate.
 
     Attributes
     ----------
     n : int
-        Valid scores seen.
+        Number of valid scores.
     values : (kept,) ndarray
-        The highest, descending: all n of them where n <= keep.
+        The highest scores in descending order; all n scores where n <= keep.
     keep : int
+        Maximum number of `values`.
     """
 
     n: int
@@ -53,7 +55,7 @@ class Tail:
 
     @classmethod
     def of(cls, scores: Array, keep: int = KEEP) -> Tail:
-        """The tail of an array of scores of any shape; NaN is left out, and infinity is an InputError."""
+        """The tail of an array of scores of any shape, without NaN. Raises InputError: a score is infinite."""
         valid = np.asarray(scores).ravel()
         valid = valid[~np.isnan(valid)]
         n = valid.size
@@ -66,7 +68,7 @@ class Tail:
 
     @classmethod
     def merge(cls, parts: Iterable[Tail]) -> Tail:
-        """The tail of all parts together, the same to the bit in whatever order and cut they come."""
+        """The tail of all parts together; the same to the bit for any order and any division into parts."""
         parts = list(parts)
         keep = min(part.keep for part in parts)
         whole = cls.of(np.concatenate([part.values for part in parts]), keep)
@@ -74,39 +76,40 @@ class Tail:
 
     @staticmethod
     def keep_for(pfa: float, pixels: int) -> int:
-        """Number of scores to keep for a threshold at `pfa` in a scene of this many pixels."""
+        """Number of scores that a tail must keep for a threshold at the rate `pfa` in a scene of `pixels` pixels."""
         return max(KEEP, math.ceil(2 * pfa * pixels) + 1)
 
     def above(self, value: float) -> int | None:
-        """Number of scores greater than a value; None if it lies below all scores that are kept."""
+        """Number of scores greater than `value`; None where scores that are not kept may be greater, too."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
-        with np.errstate(over="ignore"):  # beyond float32 is above all of float32
+        with np.errstate(over="ignore"):  # a value beyond float32 becomes infinity: no score is greater
             return int(np.count_nonzero(self.values > value))
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A threshold on scores: detected is what is greater than `value`.
+    """A threshold on scores: a pixel is detected where its score is greater than `value`.
 
     Attributes
     ----------
     value : float
-        In the scores' own unit (squared Mahalanobis distance for RX).
+        In the unit of the scores (squared Mahalanobis distance for RX).
     method : str
-        "chi2", "f", "quantile" or "gpd".
+        "chi2", "f", "quantile", "gpd", or "peaks": from the `score_top` of candidates, for a rate per km2.
     pfa_designed : float
-        False alarms wanted per background pixel.
+        Requested false-alarm rate per background pixel; for "peaks" the observed rate.
     pfa_achieved : float or None
-        Fraction of the scores that are greater than `value`; None where no scores were looked at. Targets, where
-        there are any, are among them.
+        Observed rate: fraction of the scores (targets included) greater than `value`; None where it is not known.
     n : int
-        Scores looked at, or for "f" the pixels that the statistics come from; 0 for "chi2".
+        Number of scores; for "f" the number of pixels in the statistics; 0 for "chi2".
     standard_error : float or None
-        Of `value` ("gpd"), were all scores independent; neighbouring pixels are not, so it is a lower bound.
+        Standard error of `value` for independent scores ("gpd" only). Neighbouring pixels are correlated, so it is a
+        lower bound.
     numbers : mapping
-        What else was fitted.
+        Other numbers of the fit ("gpd" only), by name.
     notes : tuple of str
+        Warnings for the user.
     """
 
     value: float
@@ -119,7 +122,7 @@ class Threshold:
     notes: tuple[str, ...] = ()
 
     def measured(self, above: int | None, n: int) -> Threshold:
-        """The same with the rate that it gave: `above` of `n` valid scores were greater; None where it is not known."""
+        """This threshold with the observed rate: `above` (None: not known) of `n` valid scores are greater."""
         return self if above is None else replace(self, pfa_achieved=above / n if n else None)
 
     def __str__(self) -> str:
@@ -131,9 +134,10 @@ class Threshold:
 
 
 def from_chi2(pfa: float, bands: int) -> Threshold:
-    """Threshold for squared Mahalanobis distances of a Gaussian background whose statistics are known.
+    """Threshold for squared Mahalanobis distances D of a Gaussian background whose mean and covariance are known.
 
-    D ~ chi2(bands): the upper `pfa` quantile (Reed and Yu 1990, eq. 46-47, doi:10.1109/29.60107).
+    D follows chi-squared with `bands` degrees of freedom; the threshold is its upper `pfa` quantile (Reed and Yu 1990,
+    eq. 46-47, doi:10.1109/29.60107).
     """
     from scipy.special import chdtri
 
@@ -142,24 +146,25 @@ def from_chi2(pfa: float, bands: int) -> Threshold:
 
 
 def from_f(pfa: float, bands: int, n: int) -> Threshold:
-    """Threshold for squared Mahalanobis distances of pixels to statistics of n other Gaussian pixels.
+    """Threshold for squared Mahalanobis distances D of Gaussian pixels from the mean of n other Gaussian pixels.
 
     With the covariance divided by n - 1, D n (n - bands) / ((n^2 - 1) bands) ~ F(bands, n - bands): Hotelling's T^2
     of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
-    It becomes chi2 as n grows.
+    For large n this law approaches chi-squared.
     """
     from scipy.special import betainccinv, betaincinv
 
     _check(pfa, bands, n)
-    # z / rest = F bands/(n-bands) and z + rest = 1; either may be too near to 1 to tell the other
+    # z / rest = F bands/(n-bands) and z + rest = 1; both are computed, because 1 - z is imprecise where z is near to 1
     z, rest = betainccinv(bands / 2, (n - bands) / 2, pfa), betaincinv((n - bands) / 2, bands / 2, pfa)
     return Threshold(float((n * n - 1) / n * z / rest), "f", pfa, n=n)
 
 
 def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """Probability that a Gaussian background pixel scores at least so high: chi2, or Hotelling's F given n.
+    """Probability that a pixel of a Gaussian background has at least this score; same shape as `scores`.
 
-    Of the scores' shape; NaN where a score is NaN.
+    The law is chi-squared with `bands` degrees of freedom, or Hotelling's F where the number `n` of pixels in the
+    statistics is given. NaN where a score is NaN.
     """
     from scipy.special import betainc, betaincc, chdtrc
 
@@ -168,15 +173,15 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     if n is None:
         return np.asarray(chdtrc(bands, distance))
     w = distance * (n / (n * n - 1))
-    half, other = bands / 2, (n - bands) / 2  # of the two shares of 1, the smaller keeps its digits
+    half, other = bands / 2, (n - bands) / 2  # the smaller of w/(1+w) and 1/(1+w) is precise
     return np.asarray(np.where(w < 1, betaincc(half, other, w / (1 + w)), betainc(other, half, 1 / (1 + w))))
 
 
 def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """As `p_value` to 1e-8 of itself, in a tenth of the time: for whole scenes.
+    """`p_value` with a relative error of up to 1e-8, in a tenth of the time, for whole scenes.
 
-    A cubic spline through its logarithm, a smooth function of the square root of the score, where the p-value is above
-    1e-290. It is the same for any cut into tiles.
+    The logarithm of the p-value is a smooth function of the square root of the score. A cubic spline interpolates it
+    where the p-value is above 1e-290. The result does not depend on the division into tiles.
     """
     from scipy.interpolate import CubicSpline
 
@@ -191,9 +196,9 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 
 
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold that the fraction `pfa` of the scores exceeds: the least score with at most pfa n above it.
+    """Threshold that a fraction `pfa` of the scores exceeds: the lowest score that at most pfa n of n scores exceed.
 
-    NaN is left out. An InputError: no valid score, fewer than 1 / pfa of them, or a tail that keeps too few.
+    NaN is left out. Raises InputError: no score is valid, `pfa` is below 1 / n, or the tail keeps too few scores.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -213,10 +218,10 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold from the fitted tail, or by quantile where no law fits it.
+    """Threshold by `from_gpd`, or by `from_quantile` where no law can be fitted or the tail contains objects.
 
-    A tail without a mean has objects in it; the quantile is then taken if enough scores exceed it. An InputError: the
-    rate is outside 0..1, lies inside the scores, or is too low for a quantile.
+    The tail contains objects if the fitted law has no mean (shape 1 or more). The quantile is then used if at least
+    10 scores exceed it. Raises InputError: the rate is outside 0..1, too high for a tail, or too low for a quantile.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -230,13 +235,13 @@ def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold from a generalised Pareto law fitted to the highest scores, for rates that no pixel reaches.
+    """Threshold from a generalised Pareto law fitted to the highest scores, also for rates below one pixel of n.
 
-    The k exceedances of u follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape); shape and scale are of
-    maximum likelihood (Grimshaw 1993), the threshold is u + scale/shape ((n pfa / k)^(-shape) - 1) and its standard
-    error is by the delta method (Coles 2001, eq. 4.12-4.15). As a check, `numbers` holds the Kolmogorov distance of fit
-    and scores. An InputError: no valid score, or pfa out of range. A FitError: too few exceedances that differ, or the
-    tail ends abruptly.
+    The k scores above u, the start of the tail, follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
+    scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
+    its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `numbers` holds the Kolmogorov distance
+    between law and scores. Raises InputError: no score is valid, or pfa is out of range. Raises FitError: too few
+    scores of the tail differ, or the tail ends abruptly.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -275,9 +280,10 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def fit_pareto(excess: Float64) -> tuple[float, float]:
-    """Shape and scale of maximum likelihood; `excess` ascends.
+    """Maximum-likelihood shape [1] and scale [unit of `excess`] of a generalised Pareto distribution.
 
-    P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0.
+    P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0. `excess` holds the scores minus the
+    start of the tail: positive, in ascending order. Raises FitError: the shape is -0.5 or less.
     """
     from scipy.optimize import minimize_scalar
 
@@ -310,13 +316,13 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
 
 
 def _excess_at(ratio: float, shape: float, scale: float) -> float:
-    """Excess that is exceeded by one in `ratio` exceedances."""
+    """Excess above the start of the tail that one in `ratio` scores of the tail is greater than."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 
 
 def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Standard error of a threshold: delta method over the fraction k/n, scale and shape (Coles 2001, eq. 4.15)."""
+    """Standard error of a threshold by the delta method, from the errors of k/n, scale and shape (Coles, eq. 4.15)."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k
@@ -333,7 +339,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
-    """The tail of scores, however they come."""
+    """Convert scores to a `Tail` for the rate `pfa`. Raises InputError: no score is valid."""
     if not isinstance(scores, Tail):
         scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:

@@ -1,9 +1,9 @@
-"""Anomaly scores on xarray: DataArray in, DataArray out, lazy where the array is lazy.
+"""Anomaly scores for xarray: `score` and `rx` return a DataArray, which is lazy where the input is lazy.
 
-    scores = detect.xr.rx(scene)  # fits the background now, scores when computed
+    scores = detect.xr.rx(scene)  # fits the background now; a lazy array is scored when it is computed
 
-Tiles are scored by the same functions as in `rxdetect score`, so the scores are the same to the bit. This module opens
-no files.
+Tiles are scored by the same functions as in `rxdetect score`, so the scores are the same to the bit. No file is opened
+here.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray; a lazy one is computed once, chunk by chunk, now.
+    """Fit the background of a DataArray. A lazy array is computed now, once and chunk by chunk.
 
     Parameters
     ----------
@@ -80,7 +80,9 @@ def score(
     Raises
     ------
     InputError, BandError, FitError, NoWaterError
-        As `detect.pipeline.score_file`; the optional dependency is missing.
+        As `detect.pipeline.score_file`.
+    DeglintError
+        xarray is not installed.
     """
     recipe = _recipe(recipe)
     if recipe.method == "lines":
@@ -118,11 +120,11 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:
-    """The recipe, made from the name of a method if that is given; an error where xarray is missing."""
+    """Make a recipe if the name of a method is given. Raises DeglintError: xarray is not installed."""
     need_xarray()
     return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
-    """Scores of a tile of another scene than that of the plan."""
+    """Scores of a tile of `scene`, (1, row, column); the plan of `work` belongs to another scene."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

@@ -1,4 +1,4 @@
 """The benchmark of `rxdetect bench`: run time, error and objects found of every removal method, on simulated scenes.
 
-`scenes` simulates, `run` measures, `report` shows, `compare` compares two runs.
+`scenes` simulates, `run` measures and `report` writes the page.
 """

@@ -13,7 +13,7 @@ PACKAGES = ("deglint", "numpy", "scipy", "numba", "rasterio", "opencv-contrib-py
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
-    """Versions and machine, to reproduce the numbers; `load` is the load of the machine at the start."""
+    """Versions, machine and options of a run; `seconds` is its duration [s], `load` the load average at its start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
     return {
@@ -23,7 +23,7 @@ def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: f
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores that this process may use, system."""
+    """Name of the processor, number of cores that this process may use, and operating system."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
@@ -42,5 +42,5 @@ def versions() -> dict[str, str]:
 
 
 def load_now() -> float | None:
-    """Load average of the last minute, where the system has one."""
+    """Load average of the last minute; None if the system does not have one."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None

@@ -24,7 +24,7 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
     image, truth : (band, row, column) ndarray
         In the same unit; the first `VISIBLE_BANDS` bands count.
     columns : slice
-        Where the error is taken. The water level is that of the whole scene.
+        Columns in which the error is computed. The water level, median(truth), is computed from all columns.
 
     Examples
     --------
@@ -40,12 +40,12 @@ def rms_error(image: npt.NDArray[Any], truth: npt.NDArray[Any], columns: slice =
 
 
 def rx_scores(image: npt.NDArray[Any], sample: Mask, covariance: str = "empirical") -> Float64:
-    """Squared Mahalanobis distance of every pixel from the pixels of a sample, over all bands."""
+    """Squared Mahalanobis distance of every pixel from the pixels of the mask `sample`, over all bands."""
     image = np.asarray(image, np.float64)
     found = background.fit(image, mask=sample, covariance=covariance, threads=1)
     return np.asarray(score(image, detector("rx", found)), np.float64)
 
 
 def curves(scores: Float64, kinds: npt.NDArray[np.integer[Any]], numbers: Sequence[int]) -> list[Roc]:
-    """ROC curve of each kind of object against the background: kind 0. Pixels of a kind below 0 do not count."""
+    """ROC curve of each kind in `numbers` against the background; `kinds`: 0 for background, below 0 does not count."""
     return [Roc.of(scores, kinds == n, (kinds == 0) | (kinds == n)) for n in numbers]

@@ -11,10 +11,10 @@ Better = Literal["lower", "higher"]
 
 @dataclass(frozen=True)
 class Number:
-    """A measured number; its range is the 95 % interval of the mean over seeds, or that of repeated timings."""
+    """A measured number: mean over seeds with its 95 % interval, or median of repeated timings with their range."""
 
     value: float
-    low: float = math.nan  # of a single value
+    low: float = math.nan  # lower end of the interval or range; NaN for a single value
     high: float = math.nan
     unit: str = ""  # "%", "s", "ns", or "" for a ratio
     better: Better = "lower"
@@ -26,12 +26,12 @@ class Number:
 
 
 def short(value: float) -> str:
-    """A value with three digits, and no power of ten where it is large."""
+    """Text of a value with three digits; large values are rounded to integers, without a power of ten."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean over seeds and its 95 % interval (Student's t), cut at 0 and at `most`, where the values cannot be."""
+    """Mean over seeds and its 95 % interval (Student's t), limited to the possible values, 0 to `most`."""
     from scipy.stats import t
 
     centre = mean(values)
@@ -42,12 +42,12 @@ def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower"
 
 
 def timed(values: Sequence[float], unit: str = "s") -> Number:
-    """Median of repeated timings and their range."""
+    """Median and range of repeated timings."""
     return Number(median(values), min(values), max(values), unit, exact=False)
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """A run as plain values for JSON, with None for NaN."""
+    """The numbers of a run and its `provenance` (`made`) as plain values for JSON, with None for NaN."""
     from deglint.raster.output import plain
 
     values = {name: asdict(number) for name, number in numbers.items()}

@@ -1,4 +1,4 @@
-"""The report: tables, and one HTML page with plots by matplotlib; no script, and nothing is fetched."""
+"""The report: tables, and one HTML page with plots by matplotlib, without scripts or external files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIGURE_WIDTH, HEIGHT = 9.0, 4.2  # size of a figure [inch]
 
 
 def page(results: Results, made: Mapping[str, Any]) -> str:
-    """The whole page; `made` is the machine, versions and command of the run."""
+    """The whole page (HTML); `made` comes from `machine.provenance`."""
     drawn = [
         ("Error against wind", against_wind(results)) if len(results.effort.winds) > 1 else None,
         ("Run time against error", time_against_error(results)),
@@ -38,7 +38,7 @@ def _axes(panels: int) -> tuple[Figure, list[Any]]:
 
 
 def _style(name: str) -> dict[str, Any]:
-    """Lines of the references are grey, the default is thick."""
+    """Style of the line of a removal: raw image and noise-only image are grey, the default is thick and black."""
     if name in (RAW, LIMIT):
         return {"color": "0.5", "linestyle": "--" if name == RAW else ":"}
     return {"linewidth": 3.0, "color": "black"} if name == DEFAULT else {}
@@ -51,7 +51,7 @@ def _with_legend(figure: Any, ax: Any) -> Figure:
 
 
 def against_wind(results: Results) -> Figure:
-    """Error against wind, a panel for each delay and a line for each removal."""
+    """Plot the error against the wind, with a panel for each delay and a line for each removal."""
     effort = results.effort
     figure, panels = _axes(len(effort.delays))
     for ax, delay in zip(panels, effort.delays, strict=True):
@@ -66,7 +66,7 @@ def against_wind(results: Results) -> Figure:
 
 
 def time_against_error(results: Results) -> Figure:
-    """Processor time of fit and apply against error; filled where no other removal is both quicker and better."""
+    """Plot the error against the processor time; filled markers: no other removal is both faster and more precise."""
     wind, _delay = results.effort.shown
     figure, panels = _axes(len(results.effort.delays))
     times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
@@ -82,7 +82,7 @@ def time_against_error(results: Results) -> Figure:
 
 
 def roc_curves(results: Results) -> Figure:
-    """Mean Pd against Pfa of the two darkest reflectances."""
+    """Plot Pd, mean over seeds, against Pfa for the two darkest reflectances of the objects."""
     figure, panels = _axes(2)
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
@@ -104,12 +104,12 @@ class Table:
 
 
 def named(condition: Condition) -> str:
-    """A condition as text."""
+    """Text of a condition: wind [m/s] and delay [ms]."""
     return f"{condition[0]:g} m/s, {1000 * condition[1]:g} ms"
 
 
 def tables(results: Results) -> list[Table]:
-    """Every table."""
+    """All tables of the report."""
     found = [overview(results)]
     if len(results.conditions) > 1:
         found.append(by_condition(results))
@@ -150,7 +150,7 @@ def by_condition(results: Results) -> Table:
 
 
 def objects(results: Results) -> Table:
-    """Objects found, and areas under the ROC curve, by reflectance."""
+    """Fraction of objects found, and area under the ROC curve, for each removal and reflectance."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.used, LIMIT):

@@ -22,7 +22,7 @@ from .numbers import Number, over_seeds, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
-"""`deglint remove` without options; the raw image; the truth with noise."""
+"""Names in the results: `deglint remove` without options; the raw image; the truth with noise."""
 GRID = np.geomspace(1e-4, 1.0, 121)  # pixel false-alarm rates of the ROC curves
 PFA = 1e-3  # pixel false-alarm rate at which objects are counted
 
@@ -31,40 +31,46 @@ Condition = tuple[float, float]
 
 
 def removals() -> dict[str, dict[str, str]]:
-    """Options of `Recipe` of every removal: each method without compensation, and the default."""
+    """Options of `Recipe` for every removal, by name: each method without compensation, and the default."""
     return {**{name: {"method": name, "compensate": "off"} for name in METHODS}, DEFAULT: {}}
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Extent of the measurements."""
+    """Extent of a run of the benchmark."""
 
     names: tuple[str, ...]  # keys of `removals`
     winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)  # [m/s]
-    delays: tuple[float, ...] = (0.0, 0.06)  # from band to band [s]
-    seeds: int = 5  # scenes of each condition
-    side: int = 768  # rows and columns of the scene that is timed [pixel]
-    rounds: int = 5  # repeated timings
+    delays: tuple[float, ...] = (0.0, 0.06)  # delay from band to band [s]
+    seeds: int = 5  # number of scenes of each condition
+    side: int = 768  # number of rows and of columns of the scene that is timed [pixel]
+    rounds: int = 5  # number of repeated timings
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
-        """The effort of a full or of a quick run."""
+        """Extent of a full run, or of a quick run (one wind, small scenes, few repeats).
+
+        `seeds` is the number of scenes of each condition; None: 5, or 2 for a quick run.
+        """
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
 
     @property
     def shown(self) -> Condition:
-        """The condition of the ROC curves and of the timed scene: a wind of 9 m/s and the longest delay."""
+        """Condition of the ROC curves and of the timed scene: the wind nearest to 9 m/s, and the longest delay."""
         return min(self.winds, key=lambda w: abs(w - 9)), max(self.delays)
 
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """One image against its truth: RMS errors [% of the water level], and arrays with one row for each reflectance."""
+    """Quality of one image: RMS errors against the truth [% of the water level], and detection of objects.
 
-    whole: float
-    deep: float  # of the deep water alone
+    Arrays have one row for each of the `REFLECTANCES` of the objects.
+    """
+
+    whole: float  # error of the whole scene
+    deep: float  # error of the deep water alone
     auc: Float64  # area under the ROC curve of global RX on the visible bands, by pixels
     found: Float64  # fraction of the objects found at `PFA`
     curve: Float64  # Pd at `GRID`
@@ -74,8 +80,8 @@ class Quality:
 class Results:
     """Results of all measurements.
 
-    `images` holds the quality of one image for each seed, by condition and removal, and of `RAW` and `LIMIT`; `fit` and
-    `apply` the processor time on one thread, of the timed scene [s]; `refused` why a method cannot be used.
+    `images` has one `Quality` for each seed, by condition and name (removal, `RAW` or `LIMIT`). `fit` and `apply` have
+    the processor time of each removal on one thread, for the timed scene [s]. `refused` says why a removal failed.
     """
 
     effort: Effort
@@ -86,25 +92,25 @@ class Results:
 
     @property
     def used(self) -> list[str]:
-        """Removals that work on every scene."""
+        """Names of the removals that work on every scene."""
         return [name for name in self.effort.names if name not in self.refused]
 
     @property
     def conditions(self) -> list[Condition]:
-        """Every wind with every delay."""
+        """All combinations of a wind and a delay."""
         return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
 
     def error(self, condition: Condition, name: str, part: str = "whole") -> Number:
-        """RMS error of the "whole" scene or its "deep" water [% of the water level]."""
+        """RMS error of the "whole" scene or its "deep" water, mean over seeds [% of the water level]."""
         return over_seeds([getattr(image, part) for image in self.images[condition, name]], "%")
 
     def rate(self, condition: Condition, name: str, kind: int, what: str) -> Number:
-        """The "auc", or the fraction "found", of objects of a reflectance."""
+        """Mean over seeds of `what`, the "auc" or the fraction "found", of objects of `REFLECTANCES[kind]`."""
         values = [float(getattr(image, what)[kind]) for image in self.images[condition, name]]
         return over_seeds(values, "", "higher", most=1.0)
 
     def numbers(self) -> dict[str, Number]:
-        """Every number by name."""
+        """All numbers of the run, by name."""
         out: dict[str, Number] = {}
         for condition, name in self.images:
             stem = f"wind{condition[0]:02g}/delay{1000 * condition[1]:02g}/{name.replace(' ', '-')}"
@@ -135,7 +141,7 @@ def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int],
 
 
 def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
-    """The scene after every removal; a removal that cannot be used goes to `results.refused`."""
+    """The scene, (band, row, column), after every removal, by name; reasons of failures go to `results.refused`."""
     out = {}
     for name in results.used:
         try:
@@ -152,7 +158,7 @@ def _fitted(scene: TrueScene, name: str) -> Any:
 
 
 def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict[str, list[tuple[float, float]]]:
-    """Processor time [s] of fit and apply, in turns; the first round compiles and does not count."""
+    """Processor times (fit, apply) [s] of each removal in each round. A first round, which compiles, is not timed."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for turn in range(rounds + 1):
         for name in names:

@@ -1,8 +1,8 @@
 """Simulated scenes whose truth is known.
 
 The left half is deep water, the sample of every fit. The right half holds squares of 4 m at a depth of 5 m, one column
-for each reflectance. The sky is cardioidal: a brighter sky around the sun is mirrored by the water and stands in the
-truth itself, so that no method can distinguish it from glint.
+for each reflectance. The sky is cardioidal: if the sky were brighter around the sun, its mirror image would be part of
+the truth, and no method could distinguish it from glint.
 """
 
 from collections.abc import Iterable
@@ -19,16 +19,16 @@ from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_to
 
 from .measure import Float64, Mask
 
-SIDE = 256  # rows and columns [pixel of 25 cm]
-REFLECTANCES = (0.02, 0.05, 0.10, 0.20)
+SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
+REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
 OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
 BLURRED_EDGE = 4
-"""Pixels around objects that are neither object nor background: the optics spread light of the object there."""
+"""Width of the edge around objects [pixel] that is neither object nor background: the optics spread light there."""
 SEED = 100  # seed of the first sea
 
 
 def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
-    """Columns of objects in the right half, one for each reflectance."""
+    """Objects in the right half of a scene of `side` pixels of `gsd` [m]: one column for each reflectance."""
     across, down = side / 2 / len(REFLECTANCES), min(SPACING, side)
     return tuple(
         square((side / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, min(OBJECT, across / 2) * gsd,
@@ -45,45 +45,45 @@ class TrueScene:
     file: Path
 
     def _radiance(self, counts: npt.NDArray[np.integer]) -> Float64:
-        """Numbers in the file as radiance."""
+        """Radiance [W m-2 sr-1 nm-1] of the numbers in the file, (band, row, column)."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
 
     @cached_property
     def raw(self) -> Float64:
-        """With glint and noise, as the sensor records it."""
+        """The scene with glint and noise, as the sensor records it."""
         return self._radiance(self.made.image)
 
     @cached_property
     def truth(self) -> Float64:
-        """Without glint and noise."""
+        """The scene without glint and noise."""
         return self.made.truth.astype(np.float64)
 
     @cached_property
     def noisy(self) -> Float64:
-        """The truth with the noise of the scene: the result of a removal that takes all glint and nothing else."""
+        """The truth with the noise of the sensor: the result of a removal that removes all glint and nothing else."""
         return self._radiance(self.made.truth_image)
 
     @cached_property
     def scene(self) -> Scene:
-        """As deglint opens it."""
+        """The file with glint and noise, as deglint opens it."""
         return open_scene(str(self.file))
 
     @property
     def deep(self) -> slice:
-        """Columns of the sample."""
+        """Columns of the deep water, the sample of every fit."""
         return slice(self.made.setup.size[1] // 2)
 
     @property
     def sample(self) -> Mask:
-        """The sample as a mask."""
+        """Mask of the sample, (row, column)."""
         mask = np.zeros(self.made.setup.size, np.bool_)
         mask[:, self.deep] = True
         return mask
 
     @cached_property
     def kinds(self) -> npt.NDArray[np.int64]:
-        """0 for background, 1 and up for the reflectance of an object, -1 for blurred pixels around objects."""
+        """Kind of each pixel: 0 background, 1 + index in `REFLECTANCES` for objects, -1 for the blurred edge."""
         import cv2
 
         labels = self.made.objects.astype(np.int64)
@@ -93,7 +93,7 @@ class TrueScene:
 
 
 def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
-    """One sea at a wind [m/s] as several sensors see it, written to a directory."""
+    """Simulate one sea at a wind [m/s] as several sensors record it; the files are written to `directory`."""
     from deglint.raster.simulated import write_scene
 
     setups = [

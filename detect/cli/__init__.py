@@ -1,4 +1,4 @@
-"""The command `rxdetect`: one module a command, loaded when it is called."""
+"""The command `rxdetect`; each of its commands is a module, which is loaded when the command is called."""
 
 import shlex
 import sys
@@ -13,7 +13,7 @@ from deglint.cli import running
 COMMANDS = {
     "score": "score how anomalous every pixel is, and mark objects",
     "roc": "compare scores with truth: ROC curves, tables, a report",
-    "bench": "measure run time, error and digits: a report; compare two of them",
+    "bench": "measure run time and error of all removal methods: a report",
 }
 
 
@@ -32,7 +32,7 @@ def cli() -> None:
 
 
 def command_line(*arguments: str) -> str:
-    """The current command with its arguments and the options that were given, to repeat it."""
+    """Text of the current command with `arguments` and all options that were given, to repeat it."""
     context = click.get_current_context()
     words = [*context.command_path.split(), *arguments]
     for option in context.command.params:
@@ -49,7 +49,7 @@ def main() -> NoReturn:
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command; what goes wrong becomes one line on stderr and an exit code."""
+    """Run the command and return its exit code; an error is written as one line to stderr."""
     return running.run(cli, "rxdetect", arguments)
 
 

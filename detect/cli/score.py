@@ -1,4 +1,4 @@
-"""`rxdetect score`: from a raster to a raster of scores, a threshold, and objects."""
+"""`rxdetect score`: compute a raster of scores, a threshold, and objects."""
 
 import json
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from deglint.cli.grouped import SETTINGS, Grouped
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
-    """A callback that reads two numbers with a comma between."""
+    """Callback of an option that reads two numbers, separated by a comma; `name` and `example` are for its error."""
 
     def read(text: str) -> tuple[Any, Any]:
         first, second = map(kind, text.split(","))
@@ -97,9 +97,9 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
-    Scores of sea are distances from the water around, in standard deviations; all others are squared Mahalanobis
-    distances: about the number of bands where there is no anomaly. Pixels that are not valid are NaN. OUT.json beside
-    OUT says what was done. What exceeds the threshold for --pfa or --false-per-km2 is marked with --objects.
+    Scores of sea are distances from the water around the pixel, in standard deviations. All others are squared
+    Mahalanobis distances: about the number of bands where there is no anomaly. Pixels that are not valid are NaN.
+    OUT.json beside OUT says what was done. --objects writes what exceeds the threshold of --pfa or --false-per-km2.
 
     \b
     rxdetect score clean.tif scores.tif

@@ -61,7 +61,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands whose time is known, and their times [s]; an InputError where fewer than three times differ."""
+    """0-based bands whose time is known, and their times [s]. Raises InputError: fewer than three times differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if len({t for _, t in known}) < 3:
         raise InputError(
@@ -74,7 +74,8 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move.
 
-    They are those of the nearest moving boat within the distance that the object can travel.
+    Both come from the nearest moving boat that the object can reach between the bands. `area` is the area of a pixel
+    [m2]. Raises InputError: the times of the bands, or the size of a pixel, are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -102,7 +103,10 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
-    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree]."""
+    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree].
+
+    `rate` is the expected number of false objects per km2, `real` the probability that it is real; NaN: not known.
+    """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
         "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
@@ -126,9 +130,9 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
 def write_chips(
     plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
 ) -> list[str | None]:
-    """Write a PNG of every object into the folder of `targets`; return their names.
+    """Write a picture (PNG) of every object into the folder of `targets`; return the names, None without a folder.
 
-    Panels: the scene before glint removal, where the sidecar names the file; the scene; the scores.
+    Panels from the left: the scene before glint removal, if the sidecar names its file; the scene; the scores.
     """
     if targets.chips is None:
         return [None] * len(found)
@@ -161,14 +165,14 @@ def _around(start: int, stop: int, size: int) -> tuple[int, int]:
 
 
 def _rgb(scene: Scene) -> list[int]:
-    """0-based bands for red, green and blue; one band three times (grey) where not all are known."""
+    """0-based bands for red, green and blue; one band three times (grey) if not all three are known."""
     roles = band_roles(scene)
     known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
     return known if len(known) == 3 else [(known or [0])[0]] * 3
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
-    """The scene before removal, if the sidecar names its files and they have the same grid."""
+    """List of the scene before removal; empty if the sidecar does not name its files, or they have another size."""
     try:
         files = [file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]]
         raw = open_scene(files)
@@ -178,10 +182,10 @@ def _raw_of(scene: Scene) -> list[Scene]:
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write features as GeoJSON, or for the extension .gpkg as GeoPackage with a QGIS style file (.qml) beside it.
+    """Write a FeatureCollection as GeoJSON, or with the extension .gpkg as GeoPackage with a QGIS style (.qml).
 
-    A GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude where
-    `geographic`, else pixels.
+    The GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude if `geographic`,
+    else (column, row).
     """
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
@@ -219,7 +223,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 
 def _binary(polygons: list[Any], srs: int, box: tuple[float, ...]) -> bytes:
-    """GeoPackage header with an envelope, and the geometry as well-known binary of a multi-polygon."""
+    """Geometry of a GeoPackage: header with the envelope `box` (xmin, ymin, xmax, ymax), and multi-polygon as WKB."""
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
     out = [head, struct.pack("<BII", 1, 6, len(polygons))]
     for rings in polygons:

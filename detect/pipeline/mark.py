@@ -1,4 +1,4 @@
-"""Threshold and objects from a written score raster: detected pixels, their sizes and false-alarm rates, and files."""
+"""Find the threshold and the objects of a written score raster, with their false-alarm rates, and write the objects."""
 
 import math
 from collections.abc import Sequence
@@ -25,13 +25,14 @@ Places = tuple[Int64, Int64, Array]
 """Rows, columns and scores of pixels, in row-major order."""
 Rated = tuple[Object, str, float, float]
 """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
-CANDIDATES = 0.04  # fraction of the sea whose highest scores are kept: larger than the fraction above `detect.sea.LOW`
+CANDIDATES = 0.04
+"""Fraction of the scores of the sea that are kept, the highest: larger than the fraction of the candidates' pixels."""
 _UNKNOWN_PIERS = 3
-"""Added to the rank of an object attached to land: if no false one is known, up to three are possible (at 95 %)."""
+"""Added to the rank of an object attached to land: if no false object is known, up to three are possible (at 95 %)."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
-    """Pixels of all tiles, in row-major order."""
+    """Join the pixels of all tiles, in row-major order."""
     nothing = np.zeros(0, np.int64)
     start = (nothing, nothing, np.zeros(0, np.float32))
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
@@ -57,7 +58,7 @@ class Marker:
         self._strata = 2 if len(self._beside[0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested rate; on the sea from the clutter, the scores without the confirmed objects."""
+        """Threshold for the requested rate; on the sea from the scores without confirmed objects (the clutter)."""
         recipe, law, tail = self._plan.recipe, self._plan.law, self._tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -76,7 +77,7 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> sea.Clutter:
-        """Clutter: scores of the candidates that are not confirmed as objects."""
+        """The clutter: scores of the sea without the objects that are confirmed."""
         model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
         assert model is not None
         found = marking.find_among(*self._above(sea.LOW * model.q90, self._beside))
@@ -98,7 +99,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold; on the sea in order of increasing number of false objects."""
+        """Objects above the threshold; on the sea in ascending order of the expected false objects per km2."""
         model = self._plan.model
         if model is None:
             found = marking.find_among(*self._above(threshold.value), **self._options)
@@ -123,7 +124,7 @@ class Marker:
             (o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
         ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
-        dimmest = max(threshold.value, clutter.large[1])  # quays are dim; clutter reaches the scores below
+        dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
         beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
         beside.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         for rank, o in enumerate(beside, start=1):
@@ -135,7 +136,7 @@ class Marker:
         return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, scratch: Scratch) -> int | None:
-        """Write the objects above a threshold; return their number, or None where no objects are requested."""
+        """Write the objects above a threshold to a file; return their number, or None if no file is requested."""
         if self._targets.objects is None:
             return None
         rated = self.objects(threshold)

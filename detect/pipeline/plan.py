@@ -1,4 +1,4 @@
-"""A recipe applied to one scene: bands, region to score, tiles, and the statistics that a detector compares with."""
+"""A recipe applied to one scene: bands, mask, tiles, and the statistics of the background or of the water."""
 
 import math
 import re
@@ -31,20 +31,21 @@ from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]
-"""How water is found, and 0-based bands of the scene that this takes."""
+"""Rule that finds the water, and 0-based bands of the scene that the rule needs."""
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)
-"""Wavelengths of the default bands of "sea" [nm]: corrected bands. The NIR is not corrected; its glint is clutter."""
+"""Wavelengths of the default bands of "sea" [nm]. A removal corrects them; in the NIR, which it copies, glint is
+clutter."""
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
-_MANY = 16  # number of bands from which a spectrum alone identifies a target
+_MANY = 16  # number of bands above which a spectrum alone identifies a target
 _OTHERS: dict[str, tuple[Any, str]] = {
     "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
-"""Options that "sea" does not have: default value, and the detector that "auto" selects where another is given."""
+"""Options that "sea" does not have: default value, and the detector that "auto" selects for any other value."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
-_BLOCKS = 4  # number of blocks for the fit; half of their area must be water
+_BLOCKS = 4  # minimum number of blocks for the fit; the pixels of water must fill half of so many blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
 
 
@@ -53,8 +54,8 @@ class Plan:
     """A recipe applied to a scene: bands, mask, background and tiles.
 
     `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
-    (None: everywhere), unless `given` holds one. `background`, `ready` and `model` are None until they are fitted, and
-    for methods that have none.
+    (None: everywhere), unless `given` is a saved background. `background`, `ready` (the detector) and `model` (of
+    "sea") are None before they are fitted, and for methods that do not use them.
     """
 
     scene: Scene
@@ -62,23 +63,23 @@ class Plan:
     bands: tuple[int, ...]
     nir: tuple[int, ...]
     tiles: list[Tile]
-    shape: tuple[int, int]
-    threads: int
-    mask: Area | None  # where to score
-    water: Water | None  # where to score, too
+    shape: tuple[int, int]  # rows and columns of a tile
+    threads: int  # number of tiles that are processed at a time
+    mask: Area | None  # area to score
+    water: Water | None  # rule that finds the water to score, in place of `mask`; both None: score everywhere
     area: Area | None
     given: Background | None
-    notes: tuple[str, ...]
-    window: WindowRule | None = None  # of "local"
-    sea: SeaRule | None = None  # of "sea"
-    glint: tuple[int, ...] = ()  # of "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
+    notes: tuple[str, ...]  # reasons of decisions, for the user
+    window: WindowRule | None = None  # for "local"
+    sea: SeaRule | None = None  # for "sea"
+    glint: tuple[int, ...] = ()  # for "sea": 0-based NIR bands of the scene, which measure the glint of a pixel
     background: Background | None = None
     ready: Detector | None = None
     model: SeaModel | None = None
 
     @property
     def law(self) -> tuple[int, int] | None:
-        """Degrees of freedom of the scores of a normal background, and number of pixels in the statistics."""
+        """Degrees of freedom of the scores, and number of pixels in the statistics; None without a known law."""
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:
@@ -102,7 +103,7 @@ class Plan:
         return tuple(self.scene.names[b] for b in self.bands)
 
     def read_mask(self, tile: Tile) -> Mask | None:
-        """Where to score in a tile, (row, column) bool; None: everywhere."""
+        """Mask of the pixels to score in a tile, (row, column); None: all pixels."""
         if self.mask is not None:
             return self.mask.read(tile.window)
         if self.water is None:
@@ -113,7 +114,7 @@ class Plan:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene; `given` is a background that was fitted before."""
+    """Choose detector, bands, mask and tiles for a scene; fits nothing. `given` is a background fitted before."""
     recipe, (mask, sea_mask), notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
@@ -152,7 +153,7 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
-    """Replace "auto" in a recipe; return the recipe, its mask, and the reasons as notes."""
+    """Replace "auto" in a recipe; return the recipe, its mask (`Plan.mask` and `Plan.water`), and reasons as notes."""
     if recipe.method != "auto":
         mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
         recipe = replace(recipe, mask=mask)
@@ -173,7 +174,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[A
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
-    """Read --background: a saved background, or the area to fit one in; both None where it is not given."""
+    """Read the option --background: a saved background, or the area to fit one in; both None if it is not given."""
     name = recipe.background
     if not name:
         return None, None
@@ -185,7 +186,7 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use; in the order of the saved background if one is given."""
+    """0-based bands to use; by default in the order of the saved background, if one is given."""
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
@@ -203,6 +204,7 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
 
 
 def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, Water | None]:
+    """Area to score, or rule that finds the water to score; both None: score everywhere."""
     if recipe.mask == "none":
         return None, None
     if recipe.mask != "water":
@@ -219,7 +221,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, W
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector that the options ask for in place of "sea", and why; "rx" and "" where they leave the choice open."""
+    """Detector that the options require in place of "sea", and the reason; "rx" and "" if no option excludes "sea"."""
     for name, (usual, method) in _OTHERS.items():
         if getattr(recipe, name) != usual:
             return method, f"--{name} is an option of it"
@@ -231,7 +233,7 @@ def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
 
 
 def visible_bands(scene: Scene) -> tuple[int, ...]:
-    """0-based visible bands, at least two; all bands where fewer are known."""
+    """0-based visible bands of a scene; all bands if fewer than two are known as visible."""
     low, high = _VISIBLE_RANGE
     found = [i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high]
     if len(found) < 2:
@@ -241,7 +243,7 @@ def visible_bands(scene: Scene) -> tuple[int, ...]:
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
-    """Water rule from the sidecar of `deglint remove`, and its bands; None where the scene has no such sidecar.
+    """Water rule from the sidecar of `deglint remove`, and its bands; None without a valid rule for the band `nir`.
 
     `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
     removal copies.
@@ -259,7 +261,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
 
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
-    """Fit what the detector of a plan compares with; on threads, or by a cluster's `run`."""
+    """Fit background and detector, or the model of the sea, of a plan; on threads, or by `run` of a cluster."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
         return replace(plan, model=model, glint=plan.glint if model.glint else ())
@@ -271,7 +273,7 @@ def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None =
 
 
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
-    """Fit the background of a plan over its tiles."""
+    """Fit the background of a plan tile by tile; on threads, or by `run` of a cluster."""
     recipe, bands = plan.recipe, plan.bands
     share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 
@@ -311,7 +313,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
-    """Pixels of a tile, (band, row, column), their classes from `detect.sea.region`, and the NIR that shows glint."""
+    """Bands in use of a tile, (band, row, column), its classes from `sea.region`, and its NIR, (band, row, column)."""
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))

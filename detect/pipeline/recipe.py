@@ -14,8 +14,8 @@ from ..sea import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
-SUFFIXES = (".geojson", ".json", ".gpkg")  # files that objects can be written to
-WINDOW = (5, 21)  # default guard and window of local RX [pixel]
+SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
+WINDOW = (5, 21)  # default sides of guard and window of local RX [pixel]
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,18 @@ class Recipe:
     method : str
         "auto" (sea where there is water, else rx), or a key of `detect.rx.METHODS`.
     window : (int, int)
-        Guard and window of "local" [pixel].
+        Sides of guard and window of "local" [pixel].
     border, ddof : str, int
         As `detect.local.local_rx`.
     covariance, ridge : str, float
-        As `detect.background.fit`; "local" knows "empirical" and "ridge".
+        As `detect.background.fit`; "local" allows "empirical" and "ridge".
     background : str
         "": all valid pixels; else a GeoJSON file, mask raster, window, or a saved background.
     bands, nir : tuple of str
-        Bands to use, all where empty, and the NIR (for "residual" and the water mask), by name or 1-based number.
+        Bands to use (empty: visible bands for "sea", else all or those of the saved background), and the NIR (for
+        "residual" and the water mask), by name or 1-based number.
     drop : int
-        Leading eigenvectors that "subspace" leaves out.
+        Number of leading eigenvectors that "subspace" leaves out.
     mask : str
         Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
         is water for "sea", else everywhere. "sea" fills the holes of the mask at floating objects.
@@ -103,7 +104,7 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """Entry of the table of detectors; for "auto" that of rx, which has every option."""
+        """Entry of the method in the table of detectors; for "auto" the entry of "rx", which allows every output."""
         return METHODS["rx" if self.method == "auto" else self.method]
 
     @property
@@ -117,7 +118,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write, and how."""
+    """Files to write, and options for writing them."""
 
     image: Path  # the scores; the sidecar is this with ".json" appended
     p_value: Path | None = None  # raster of p-values
@@ -129,7 +130,7 @@ class Outputs:
     chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
-        """Check that the recipe produces the requested outputs."""
+        """Check that the recipe produces the requested outputs. Raises InputError: it does not."""
         for wrong, message in (
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
@@ -148,10 +149,10 @@ class Outputs:
 
     @property
     def sidecar(self) -> Path:
-        """Name of the sidecar."""
+        """Path of the sidecar: the path of the score raster with ".json" appended."""
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """All files that will be written."""
+        """All files that will be written, without chips and the QGIS style."""
         extra = (self.p_value, self.flags, self.objects, self.background)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

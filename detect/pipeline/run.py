@@ -53,15 +53,18 @@ _FEW_PIXELS = 10  # pixels per band below which the error of the estimated covar
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a run.
+    """Result of `score_file`.
 
     Attributes
     ----------
     tally : PixelCounts
+        Number of scored pixels, and of pixels without a score by reason.
     background : Background or None
+        None for methods without one background for the whole scene.
     threshold : Threshold or None
+        None if no false-alarm rate was requested.
     objects : int or None
-        Number of marked objects.
+        Number of objects in the file of objects; None without the file.
     sidecar : dict
         Content of the sidecar.
     """
@@ -94,8 +97,9 @@ def score_file(
     recipe : Recipe, optional
         By default "sea" where there is water, else global RX.
     threads : int, optional
-        All processors by default. The result does not depend on it.
+        Number of threads, by default all processors. The result does not depend on it.
     progress : callable(stage, done, total), optional
+        Called with the name of the stage and numbers of tiles.
     cluster : Cluster, optional
         Workers in place of threads, as in `deglint.remove_glint`; the result is the same to the bit.
     **options
@@ -191,7 +195,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return counts, the highest scores, and the pixels attached to land by class."""
+    """Score and write all tiles; return counts, the highest scores, and by class the pixels attached to land."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
@@ -214,12 +218,12 @@ def _write_tiles(
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
-    """File and layout of each raster, by the fields of `Scored`."""
+    """File and layout of each output raster, by the name of its field in `Scored`."""
     info = raster_of(plan.scene).info
     options = dict(targets.options)
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
         options = {"ZLEVEL": "1", **options}  # scores are noise: a higher level doubles the time, not the compression
-    info = replace(info, band_tags=({},) * info.count)  # a score has no wavelength
+    info = replace(info, band_tags=({},) * info.count)  # the band of scores has no wavelength
     base = Layout(
         info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
     )
@@ -301,9 +305,9 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
 
 
 def _removal_without_effect(plan: Plan) -> str | None:
-    """Warning that the glint removal of the input does not change the scores; None where it does.
+    """Warning that the glint removal of the input does not change the scores; None if it does, or is not known.
 
-    Invariant detectors give the scores of the glinted scene if the removal was linear and its NIR is in use.
+    The scores of invariant detectors do not change if the removal is linear and its NIR is among the bands in use.
     """
     if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
         return None

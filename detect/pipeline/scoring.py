@@ -30,19 +30,19 @@ MEANINGS = {
     FLOATS: "sea: no water, but small enough to float",
     BESIDE_LAND: "sea: no water, attached to land, with the size and shape of a ship or a short pier",
 }
-"""Bits of the flag raster; 0: the pixel has a score, and no note."""
+"""Bits of the flag raster, and their meanings; 0: the pixel has a score, and there is nothing to note."""
 
 
 @dataclass
 class PixelCounts:
-    """Pixels of the whole run."""
+    """Number of pixels of a tile or of the whole run, in total and by result."""
 
     total: int = 0
-    masked_out: int = 0
-    not_valid: int = 0
+    masked_out: int = 0  # no score: outside the mask, or beside land ("sea")
+    not_valid: int = 0  # no score: nodata or not finite; with "lines" also before the statistics have enough pixels
     scored: int = 0
-    deficient: int = 0
-    too_few: int = 0
+    deficient: int = 0  # scored by a pseudo-inverse (local RX)
+    too_few: int = 0  # no score: the ring has too few valid pixels (local RX)
 
     def add(self, other: Self) -> None:
         """Add a tile's counts."""
@@ -52,28 +52,28 @@ class PixelCounts:
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """One scored tile."""
+    """Results of one tile; rasters are (row, column)."""
 
     scores: Float32
     tally: PixelCounts
-    tail: Tail | None = None
+    tail: Tail | None = None  # the highest scores, if a threshold is requested
     p_values: Float32 | None = None
-    flags: Uint8 | None = None
-    beside: dict[int, Places] = field(default_factory=dict)
+    flags: Uint8 | None = None  # bits of `MEANINGS`
+    beside: dict[int, Places] = field(default_factory=dict)  # pixels attached to land, by class of `detect.sea.region`
 
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """Function that scores a tile, shared by the threads. Only `lines` has a state."""
+    """Callable that scores a tile, shared by all threads. Only the method "lines" keeps a state (`lines`)."""
 
     plan: Plan
-    keep: int = 0  # highest scores that a tile returns
+    keep: int = 0  # number of highest scores that a tile returns
     want_p: bool = False
     want_flags: bool = False
     lines: LineScorer | None = None
 
     def __call__(self, tile: Tile) -> Scored:
-        """Read a tile, score it, and count."""
+        """Read a tile, score it, and count its pixels."""
         plan = self.plan
         if plan.sea is not None and plan.model is not None:
             return self._of_sea(tile, plan.sea, plan.model)
@@ -138,7 +138,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
-    """Counts of the pixels of a tile: scored, masked out, not valid, and by state of local RX."""
+    """Count the pixels of a tile; `mask` is False outside the mask, `states` holds the states of local RX, or None."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

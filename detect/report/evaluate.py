@@ -24,36 +24,36 @@ from ..roc.bootstrap import Bands, bootstrap, default_grid
 from ..roc.curve import OperatingPoint, Roc, auc_interval, compare
 from ..roc.per_object import RATES, ObjectCurve, count_false_alarms, false_alarms, number_objects, object_curve
 
-_WORST = 8
-_CURVE_POINTS = 400
+_WORST = 8  # maximum number of false alarms in the report of a detector
+_CURVE_POINTS = 400  # maximum number of points of a curve in the report
 
 
 @dataclass(frozen=True)
 class Request:
-    """Options of `rxdetect roc`; with 0 draws there is no bootstrap."""
+    """Options of `rxdetect roc`."""
 
-    scores: tuple[str, ...]
-    truth: str
-    mask: str | None = None
-    pfa_max: float = 0.1
-    draws: int = 1000
-    seed: int = 0
-    block: int | None = None
-    per_object: bool = False
-    lower: bool = False
-    connected: bool = False
+    scores: tuple[str, ...]  # one raster for each detector
+    truth: str  # raster or GeoJSON file
+    mask: str | None = None  # where to compare: raster, GeoJSON file or window
+    pfa_max: float = 0.1  # maximum false-alarm rate of partial areas and object curves
+    draws: int = 1000  # number of draws of the bootstrap; 0: no bootstrap
+    seed: int = 0  # seed of the draws
+    block: int | None = None  # side of the blocks of the bootstrap [pixel]; None: `default_block`
+    per_object: bool = False  # count objects, too
+    lower: bool = False  # low scores are anomalous
+    connected: bool = False  # each connected part of the truth is one object, whatever its numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Names and scores of the detectors, and the truth."""
+    """Names and scores of the detectors, and the truth; arrays are (row, column)."""
 
     names: tuple[str, ...]
     scores: tuple[Array, ...]  # higher is more anomalous
     objects: Int32  # number of the object of each pixel, 0 for background
     valid: Mask  # valid in every score raster and in the truth, and inside the mask
-    left_out: dict[str, int]  # number of the other pixels by reason; a pixel may count for several
-    grid: Scene
+    left_out: dict[str, int]  # number of the other pixels by reason; a pixel may count for several reasons
+    grid: Scene  # the first score raster
     notes: tuple[str, ...]
 
 
@@ -62,12 +62,12 @@ class Judged:
     """One detector: its scores, its ROC curve, and the results."""
 
     name: str
-    scores: Array
+    scores: Array  # (row, column), higher is more anomalous
     roc: Roc
-    numbers: dict[str, Any]
-    bands: Bands | None
+    numbers: dict[str, Any]  # all results as plain values
+    bands: Bands | None  # confidence intervals; None without bootstrap
     objects: ObjectCurve | None
-    worst: tuple[Object, ...]
+    worst: tuple[Object, ...]  # false alarms with the highest scores
     worst_at: OperatingPoint  # threshold that the worst false alarms exceed
 
 
@@ -184,7 +184,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Features of a GeoJSON file drawn with their numbers, from 1; a pixel is in where its centre is."""
+    """Number of the feature of a GeoJSON file that contains the centre of each pixel, from 1; 0 for none."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
@@ -205,7 +205,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
-    """Check that a scene has the grid of the reference."""
+    """Check that a scene has the grid of the reference. Raises InputError: the grids differ."""
     if not same_grid(raster_of(scene).info, grid):
         sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(
@@ -215,7 +215,7 @@ def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
 
 
 def _names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Short names: the files' stems, or their paths where stems repeat."""
+    """Short names of files: their stems, or their paths where stems repeat. Raises InputError: a path repeats."""
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise InputError(f"SCORES {twice} is given twice: leave one out.")
@@ -224,7 +224,7 @@ def _names(paths: Sequence[str]) -> tuple[str, ...]:
 
 
 def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: float | None) -> Judged:
-    """Evaluate one detector; `area` is that of a pixel [m2]."""
+    """Evaluate one detector; `area` is the area of a pixel [m2], None where it is not known."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
@@ -257,7 +257,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """Summary numbers of a curve."""
+    """Summary numbers of a ROC curve and its points, as plain values."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     return {
@@ -278,14 +278,14 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
-    """Threshold, and fractions of detected pixels, at a false-alarm rate."""
+    """Threshold, Pfa, and Pd with its interval at a requested rate; `sign` is -1 if low scores are anomalous."""
     point = roc.point(rate)
     low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
     return asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high}
 
 
 def _called(threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float) -> dict[str, Any]:
-    """Objects found and false alarms at a threshold."""
+    """Number of objects found and number of false alarms at a threshold; `square_km` is the compared area [km2]."""
     alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
     return {
         "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
@@ -294,7 +294,7 @@ def _called(threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs,
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
-    """Every object, and how many are found at how many false alarms."""
+    """Table of the objects, and number found and number of false alarms at thresholds, as plain values."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
@@ -308,7 +308,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
-    """DeLong's test of two detectors, and the bootstrap's interval of the difference from the same draws."""
+    """DeLong's test of two detectors, and bootstrap interval of the difference of their areas from the same draws."""
     low = high = None
     if a.bands is not None and b.bands is not None:
         low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))

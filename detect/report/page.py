@@ -15,7 +15,7 @@ from deglint.pipeline.outputs import versions
 from . import plots
 from .evaluate import Evaluation, Request
 
-MOST_ROWS = 200  # objects listed on the page
+MOST_ROWS = 200  # maximum number of objects listed on the page
 
 
 def render(package: str, **values: Any) -> str:
@@ -28,7 +28,7 @@ def render(package: str, **values: Any) -> str:
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
-    """The complete page; `made` holds the versions and options listed at its end."""
+    """The complete page (HTML); `made` comes from `provenance`."""
     bands, objects = found.detectors[0].bands, found.detectors[0].objects
     drawn = {"roc": plots.as_uri(plots.roc_curves(found)), "precision": plots.as_uri(plots.precision_curves(found))}
     if objects is not None:
@@ -46,9 +46,9 @@ def page(found: Evaluation, made: Mapping[str, Any]) -> str:
 
 
 def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
-    """Versions, machine, command and inputs of a report; a ReadError where a file changed while it was read.
+    """Versions, machine, command and inputs of a report. Raises ReadError: a file changed while it was read.
 
-    `seconds` is what judging took [s]; `checksum` was begun before the files were read.
+    `seconds` is the duration of the evaluation [s]; `checksum` was made before the files were read.
     """
     import cv2
     import scipy
@@ -66,7 +66,7 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
 
 def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of a table: every object, and by which detector it is found at which Pfa."""
+    """Column heads and rows of the table of objects: the smallest Pfa at which each detector finds each object."""
     sign = -1 if found.request.lower else 1
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     order = sorted(scored[0].values(), key=lambda o: (min(s[o.number].pfa for s in scored), o.number))
@@ -79,7 +79,7 @@ def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
 
 
 def lead(numbers: dict[str, Any]) -> str:
-    """Summary of the best detector in one sentence."""
+    """Summary of the detector with the largest partial AUC, in one sentence; `numbers` as in `Evaluation`."""
     best = max(numbers["detectors"], key=lambda d: d["partial_auc"]["raw"])
     said = f"{best['name']}: a target pixel scores higher than a background pixel with probability {best['auc']:.4f}"
     point = min(best["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
@@ -93,7 +93,7 @@ def lead(numbers: dict[str, Any]) -> str:
 
 
 def table(numbers: dict[str, Any]) -> list[str]:
-    """The results as lines of text for a terminal."""
+    """The results (`Evaluation.numbers`) as lines of text for a terminal."""
     pixels = numbers["pixels"]
     judged = f"{pixels['judged']} of {pixels['total']} pixels judged: {pixels['targets']} of targets"
     out = [f"{judged} ({counted(pixels['objects'], 'object')}), {pixels['background']} of background"]
@@ -121,12 +121,12 @@ def table(numbers: dict[str, Any]) -> list[str]:
 
 
 def counted(n: int, name: str) -> str:
-    """A number and what it counts."""
+    """Text of a number and a noun, which gets a plural s unless the number is 1."""
     return f"{n:,} {name}{'' if n == 1 else 's'}"
 
 
 def interval(low: float | None, high: float | None, form: str = ".4f") -> str:
-    """A range of numbers."""
+    """Text of a range of numbers; "not known" where an end is None or NaN."""
     if low is None or high is None or math.isnan(low) or math.isnan(high):
         return "not known"
     return f"{low:{form}} to {high:{form}}"

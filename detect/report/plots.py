@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LONGEST = 640  # longest side of a scene as it is shown [pixel]
-_CUTOUT_MARGIN = 12  # pixels around a false alarm
+_CUTOUT_MARGIN = 12  # margin around a false alarm [pixel]
 
 
 def check_installed(command: str) -> None:
-    """Raise an InputError where a package is missing that a page needs."""
+    """Check that matplotlib and jinja2 are installed for a command. Raises InputError: one is missing."""
     missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
     if missing:
         raise InputError(f"{command} needs {' and '.join(missing)}: pip install 'deglint[reports]'.")
 
 
 def as_uri(figure: Figure, form: str = "svg") -> str:
-    """A figure as the data URI of an SVG or PNG."""
+    """Convert a figure to a data URI; `form` is "svg" or "png"."""
     import matplotlib as mpl
 
     file = io.BytesIO()
@@ -39,14 +39,14 @@ def as_uri(figure: Figure, form: str = "svg") -> str:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure of a size [inch] that is drawn without a window or a global state."""
+    """New figure of a width and a height [inch]; it needs no window and no global state of matplotlib."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def roc_curves(found: Evaluation) -> Figure:
-    """Pd over Pfa, with the bootstrap's intervals and the operating points."""
+    """Plot Pd over Pfa of all detectors, with bootstrap intervals and operating points."""
     figure = new_figure(9.0, 4.4)
     ax = figure.subplots()
     low = 1 / max(len(d.roc.background) for d in found.detectors)
@@ -68,7 +68,7 @@ def roc_curves(found: Evaluation) -> Figure:
 
 
 def precision_curves(found: Evaluation) -> Figure:
-    """Precision over recall."""
+    """Plot precision over recall (Pd) of all detectors."""
     figure = new_figure(5.0, 3.6)
     ax = figure.subplots()
     for d in found.detectors:
@@ -79,12 +79,12 @@ def precision_curves(found: Evaluation) -> Figure:
 
 
 def object_curves(found: Evaluation) -> Figure:
-    """Objects found over false alarms."""
+    """Plot the fraction of objects found over the number of false alarms, of all detectors."""
     figure = new_figure(5.0, 3.6)
     ax = figure.subplots()
     for d in found.detectors:
         if d.objects is not None:
-            # parts may run together as the threshold falls
+            # false alarms may merge as the threshold falls
             cost = np.minimum.accumulate(d.objects.false_alarms[::-1])[::-1]
             ax.step(np.maximum(cost, 0.5), d.objects.pd, where="post", label=d.name)
     ax.set(xscale="log", ylim=(0, 1.02), xlabel="false alarms in the scene (none is drawn at 0.5)",
@@ -93,9 +93,9 @@ def object_curves(found: Evaluation) -> Figure:
 
 
 def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
-    """Reduce scores for display; returns them, and the side of a cell [pixel].
+    """Reduce scores, (row, column), for display: the maximum of each square cell; and the side of a cell [pixel].
 
-    A cell has the highest of its scores, so that small targets remain visible; NaN where none is valid.
+    With the maximum, small targets remain visible. NaN where no score of a cell is valid.
     """
     from skimage.measure import block_reduce
 
@@ -105,7 +105,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """The scores of a scene, its objects in boxes (dashed: not found), and false alarms with their numbers."""
+    """Plot the scores of a scene, its objects in boxes (dashed: not found), and false alarms with their numbers."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape
@@ -130,7 +130,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
 
 
 def chips(d: Judged, found: Evaluation) -> Figure:
-    """False alarms and their surroundings, with their scores."""
+    """Plot the scores around each of the worst false alarms, with the number and the maximum score as title."""
     figure = new_figure(5.0, 1.7 * -(-len(d.worst) // 3))
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):

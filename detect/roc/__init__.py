@@ -1,7 +1,7 @@
 """Separation of targets and background by scores: ROC curves, their summary numbers and confidence intervals.
 
-Arrays only; opens no files. A pixel is a target where truth is not 0, and is detected where its score is greater than
-a threshold: higher is more anomalous. What is not finite, or not valid, is left out and counted.
+A pixel is a target where truth is not 0, and is detected where its score is greater than a threshold: higher is more
+anomalous. Pixels that are NaN or not valid are left out and counted. No file is opened here.
 """
 
 from .bootstrap import bootstrap

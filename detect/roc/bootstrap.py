@@ -1,11 +1,11 @@
 """Confidence intervals of a ROC curve by resampling of independent objects and pieces of water.
 
-Pixels of an object, and neighbouring pixels of background, are correlated, so that drawn pixels would give too narrow
-intervals. Here whole objects are drawn for the targets and whole square blocks for the background, each with
-replacement (a block, or cluster, bootstrap). Blocks should be wider than the correlation length of the clutter.
+Pixels of an object, and neighbouring pixels of background, are correlated, so that the intervals would be too narrow if
+single pixels were drawn. Here whole objects are drawn for the targets and whole square blocks for the background, each
+with replacement (block bootstrap). Blocks should be wider than the correlation length of the clutter.
 
-Each object and block is reduced once to counts of its scores between fixed levels, so a draw is a sum of counts. Up to
-1024 distinct target scores are levels themselves, and ties are kept apart: then areas are those of the pixels, exactly.
+For each object and block, its scores between fixed levels are counted once, so that a draw is a sum of counts. If there
+are at most 1024 distinct target scores, all of them are levels, and the area under the curve is exact.
 
 References
 ----------
@@ -24,36 +24,37 @@ from deglint.errors import InputError
 from ..arrays import Array, Float64, Mask
 from .curve import Roc, usable
 
-_LEVELS = 1024
-_FEW_PIECES = 10
-_LEVEL = 0.95
-_DRAWS_AT_A_TIME = 100
+_LEVELS = 1024  # maximum number of distinct target scores that are levels
+_FEW_PIECES = 10  # number of objects, or of blocks, below which a note says that intervals are too narrow
+_LEVEL = 0.95  # confidence level of the intervals
+_DRAWS_AT_A_TIME = 100  # this limits the memory
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Percentile intervals from resampling.
+    """Confidence intervals of a ROC curve and of its area: percentiles over draws of objects and blocks.
 
-    Detectors scored on the same pixels are drawn alike by one seed, so the differences of their `areas` are paired.
+    With the same seed and the same valid pixels, two detectors have the same draws. So the confidence interval of the
+    difference of their areas follows from the differences of their `areas`, draw by draw.
     """
 
-    pfa: Float64  # (points,): where the curve was looked at
-    low: Float64  # (points,): interval of Pd there, each point by itself
-    high: Float64
+    pfa: Float64  # (points,): false-alarm rates
+    low: Float64  # (points,): lower end of the interval of Pd at each rate; the intervals are pointwise
+    high: Float64  # (points,): upper end
     auc: tuple[float, float]  # interval of the area
     auc_error: float  # standard deviation of the area over the draws
-    areas: Float64  # (draws,)
-    level: float
+    areas: Float64  # (draws,): area under the curve of each draw
+    level: float  # confidence level
     draws: int
     seed: int
-    block: int  # side [pixel]
-    objects: int  # independent pieces that were drawn from
-    blocks: int
+    block: int  # side of a block [pixel]
+    objects: int  # number of objects from which the draws are made
+    blocks: int  # number of blocks from which the draws are made
     notes: tuple[str, ...]
 
 
 def default_block(height: int, width: int) -> int:
-    """Side of the blocks [pixel]: some hundreds of them in a scene, none smaller than 16."""
+    """Side of the blocks [pixel]: 1/24 of the longer side of the scene, but at least 16."""
     return max(16, -(-max(height, width) // 24))
 
 
@@ -61,11 +62,11 @@ def bootstrap(
     scores: Array, objects: Array, valid: Mask | None = None, *, draws: int = 1000, seed: int = 0,
     block: int | None = None, pfa: npt.ArrayLike | None = None,
 ) -> Bands:  # fmt: skip
-    """Intervals of Pd at given Pfa, and of the area, by drawing objects and blocks.
+    """Intervals of Pd at given rates Pfa, and of the area under the curve, by drawing objects and blocks.
 
     `scores` and `objects` (0, or the number of the object of a pixel) are (row, column). The same seed gives the same
-    numbers. `block` is the side of the background's blocks [pixel], by default `default_block`; `pfa` where the curve
-    is evaluated, by default `default_grid`. An InputError as `Roc.of`, for fewer than 2 draws, or a block below 1.
+    numbers. `block` is the side of the blocks of background [pixel], by default `default_block`. `pfa` holds the rates,
+    (points,), by default `default_grid`. Raises InputError as `Roc.of`, and for fewer than 2 draws or a block below 1.
     """
     if scores.ndim != 2:
         raise InputError(f"scores must be (row, column) to be cut into blocks, got shape {scores.shape}.")
@@ -91,15 +92,15 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Values of Pfa: one that allows no background pixel, then 61 even in logarithm from one pixel to all."""
+    """Rates Pfa, (62,): 0.5 / `background`, which allows no pixel; then 61 in logarithmic steps from one pixel to 1."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _levels(roc: Roc) -> Array:
-    """Ascending edges between which scores are counted.
+    """Ascending levels between which scores are counted.
 
-    Target scores, each followed by the next number so that what is equal to it is counted apart, and background
-    scores at ranks even in logarithm from the highest.
+    They are target scores, and background scores at ranks from the highest in logarithmic and in even steps. Each is
+    followed by the next larger number, so that scores that are equal to it are counted separately.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:
@@ -112,7 +113,7 @@ def _levels(roc: Roc) -> Array:
 
 
 def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
-    """Scores of each object, and of each block's background, between the levels: (pieces, bins)."""
+    """Number of scores between the levels, (pieces, bins): of each object, and of the background of each block."""
     from scipy.sparse import coo_array, csr_array, vstack
 
     bins = len(levels) + 1
@@ -135,7 +136,7 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
 
 
 def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
-    """Area and Pd at each Pfa for every draw."""
+    """Area under the curve, (draws,), and Pd at the rates `at`, (draws, points), from counts, (pieces, bins)."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):

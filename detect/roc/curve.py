@@ -1,10 +1,10 @@
-"""The ROC curve of a scene, every figure that is read off it, and DeLong's standard error of its area.
+"""The ROC curve of a scene, all numbers that follow from it, and DeLong's standard error of its area.
 
-The scores of targets and of background are sorted by themselves, and every figure follows from where target scores
-fall among background scores: no pixel is paired with another, and none is left out for speed.
+The scores of targets and of background are sorted separately. All numbers follow from the ranks of target scores among
+background scores: no pairs of pixels are formed, and no pixel is left out for speed.
 
-DeLong's intervals take pixels as independent. Those of an image are not: neighbours share target, glint and sensor. So
-the intervals are too narrow for images; `bootstrap` over objects and blocks is valid.
+DeLong's intervals assume independent pixels. The pixels of an image are not independent: neighbours share target, glint
+and sensor. So the intervals are too narrow for images; `bootstrap` over objects and blocks is valid.
 
 References
 ----------
@@ -34,9 +34,9 @@ _Z = 1.959963984540054  # half-width of a normal interval of 95 % in standard er
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Detection at a threshold: scores greater than it are detected."""
+    """Rates of false alarms and of detection at a threshold; pixels with greater scores are detected."""
 
-    pfa_designed: float  # the most that was allowed
+    pfa_designed: float  # the requested false-alarm rate: maximum of `pfa`
     threshold: float
     pfa: float  # fraction of background pixels that are detected
     pd: float  # fraction of target pixels that are detected
@@ -44,14 +44,14 @@ class OperatingPoint:
 
 @dataclass(frozen=True, eq=False)
 class Roc:
-    """Sorted scores of targets and of background.
+    """A ROC curve, as the sorted scores of targets and of background.
 
     Attributes
     ----------
     targets, background : (n,) ndarray
-        Ascending, in the scores' own type.
+        Scores in ascending order and in their own type; integers are converted to float64.
     left_out : int
-        Pixels that were not valid.
+        Number of pixels that are not valid.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Roc:
 
     @classmethod
     def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Roc:
-        """The curve of scores against truth.
+        """Make the curve from scores and truth.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class Roc:
         truth : ndarray of the same shape
             A target where it is not 0; NaN is not valid.
         valid : ndarray of bool, optional
-            Which pixels count.
+            True where a pixel counts.
 
         Raises
         ------
@@ -103,14 +103,14 @@ class Roc:
 
     @cached_property
     def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
-        """Distinct target scores ascending, how often each is, and background below and up to it."""
+        """Distinct target scores, ascending; number of targets with each; number of background below, and up to it."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
         return distinct, counts.astype(np.int64), below.astype(np.int64), upto.astype(np.int64)
 
     @cached_property
     def vertices(self) -> tuple[Float64, Float64]:
-        """Pfa and Pd of the curve's corners, from (0, 0) to (1, 1); straight between them, as ties are drawn."""
+        """Pfa and Pd, (points,) each, at the corners of the curve, from (0, 0) to (1, 1); straight lines join them."""
         _, counts, below, upto = self._steps
         n, m = len(self.background), len(self.targets)
         reached = np.cumsum(counts[::-1])
@@ -125,7 +125,7 @@ class Roc:
         return int((counts * (below + upto)).sum()) / 2 / (len(self.targets) * len(self.background))
 
     def partial_auc(self, pfa_max: float) -> float:
-        """Area under the curve up to a Pfa; `pfa_max` itself is the most it can be."""
+        """Area under the curve from 0 to the rate `pfa_max`; the area of a perfect detector is `pfa_max`."""
         _check_pfa(pfa_max)
         pfa, pd = self.vertices
         stop = int(np.searchsorted(pfa, pfa_max, side="right"))
@@ -135,12 +135,12 @@ class Roc:
         return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
 
     def mcclish(self, pfa_max: float) -> float:
-        """Partial area brought to 0.5 for chance and 1 for perfection (McClish 1989, eq. 4)."""
+        """Partial area, scaled to 0.5 for a random and 1 for a perfect detector (McClish 1989, eq. 4)."""
         least = pfa_max * pfa_max / 2
         return (1 + (self.partial_auc(pfa_max) - least) / (pfa_max - least)) / 2
 
     def point(self, pfa: float) -> OperatingPoint:
-        """The highest Pd with at most this Pfa, by the least threshold that keeps it; nothing is interpolated."""
+        """The highest Pd whose Pfa is at most `pfa`. The threshold is a background score; nothing is interpolated."""
         _check_pfa(pfa)
         n = len(self.background)
         allowed = min(math.floor(pfa * n * (1 + 1e-12)), n - 1)
@@ -151,7 +151,7 @@ class Roc:
 
     @cached_property
     def precision_recall(self) -> tuple[Float64, Float64]:
-        """Precision and recall (Pd) where the threshold falls just below each target score, the highest first."""
+        """Precision and recall (Pd) for thresholds just below each distinct target score, (points,), highest first."""
         _, counts, below, _ = self._steps
         found = np.cumsum(counts[::-1])
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
@@ -190,12 +190,12 @@ class Roc:
 
     @cached_property
     def average_precision(self) -> float:
-        """Sum of precision over steps of recall, not interpolated; it depends on how rare targets are."""
+        """Sum of precision times step of recall, not interpolated. It depends on the share of targets in the scene."""
         precision, recall = self.precision_recall
         return float((precision * np.diff(recall, prepend=0)).sum())
 
     def three_d(self) -> dict[str, float]:
-        """Chang's measures of the 3-D ROC curve, over thresholds tau of scores brought to 0..1.
+        """Measures of the 3-D ROC curve (Chang 2021), over thresholds tau of scores that are scaled to 0..1.
 
         Returns
         -------
@@ -203,7 +203,7 @@ class Roc:
             d_tau, f_tau: areas of Pd and Pfa over tau (eq. 18, 19), which are the mean scores of targets and of
             background; d_tau_trapezoid, f_tau_trapezoid: the same by the trapezoid rule over the distinct scores;
             td = auc + d_tau, bs = auc - f_tau, tdbs = d_tau - f_tau, od = auc + d_tau - f_tau, snpr = d_tau / f_tau.
-            They depend on the extremes of the scores: compare detectors of one scene by them, not scenes.
+            They depend on the lowest and the highest score: use them to compare detectors on one scene, not scenes.
         """
         low = float(min(self.targets[0], self.background[0]))
         span = float(max(self.targets[-1], self.background[-1])) - low
@@ -220,38 +220,38 @@ class Roc:
 
 @dataclass(frozen=True)
 class AucInterval:
-    """An area with its DeLong standard error and interval; NaN where one target or one background pixel carries it."""
+    """Area under a ROC curve and its confidence interval (DeLong); NaN for a single target or background pixel."""
 
     auc: float
     standard_error: float
     low: float
     high: float
-    level: float = 0.95
+    level: float = 0.95  # confidence level
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Difference of two areas on the same pixels, the first less the second, with its interval."""
+    """Difference of the areas under two ROC curves on the same pixels, and its confidence interval (DeLong)."""
 
-    auc: tuple[float, float]
-    difference: float
-    standard_error: float
-    z: float  # NaN where the standard error is 0 and the areas are equal
-    p: float  # two-sided; 1 there
+    auc: tuple[float, float]  # the two areas
+    difference: float  # first minus second area
+    standard_error: float  # standard error of the difference
+    z: float  # difference / standard error; NaN where both are 0
+    p: float  # two-sided p-value of z; 1 where both are 0
     low: float
     high: float
-    level: float = 0.95
-    pixels: int = 0  # valid in both
+    level: float = 0.95  # confidence level
+    pixels: int = 0  # number of pixels that are valid for both detectors
 
 
 def auc_interval(roc: Roc) -> AucInterval:
-    """Area with DeLong's standard error and its normal interval, cut to 0..1 (DeLong 1988, eq. 6)."""
+    """Area under a curve, DeLong's standard error (1988, eq. 6), and normal interval, limited to 0..1."""
     error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
     return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors on the pixels where the scores of both are valid; else as `Roc.of`."""
+    """DeLong's paired test of two detectors, on pixels where both scores are valid; parameters as `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
@@ -259,14 +259,17 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
     difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         z = float(np.divide(difference, error))
-    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # the same ranks everywhere
+    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # equal ranks
     low, high = difference - _Z * error, difference + _Z * error
     pixels = int(np.count_nonzero(ok))
     return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
 
 
 def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:
-    """Fraction of the background below each target, and of the targets above each background pixel, ties as halves."""
+    """Fraction of background below each target, and of targets above each background pixel; equal scores count half.
+
+    `targets`, (targets,), and `background`, (pixels,), may have any order; `roc` holds the same scores, sorted.
+    """
     below, at_least = (
         (np.searchsorted(others, own, "left") + np.searchsorted(others, own, "right")) / (2 * len(others))
         for own, others in ((targets, roc.background), (background, roc.targets))
@@ -275,14 +278,17 @@ def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, F
 
 
 def _variance(v10: Float64, v01: Float64) -> float:
-    """Variance of an area from its components; NaN where there is a single target or background pixel."""
+    """DeLong variance of an area, from `_components`, or of a difference of two areas, from their differences.
+
+    `v10` is (targets,), `v01` is (background pixels,). NaN where one of them has fewer than two values.
+    """
     if min(len(v10), len(v01)) < 2:
         return math.nan
     return float(v10.var(ddof=1) / len(v10) + v01.var(ddof=1) / len(v01))
 
 
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
-    """Which pixels count: neither score nor truth is NaN, and `valid` allows them. All are of one shape."""
+    """Mask of the pixels that count: score and truth are not NaN, and `valid` is True. All have the same shape."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")

@@ -1,7 +1,7 @@
 """Detection counted by objects instead of pixels.
 
-An object is found when one of its pixels is detected. Connected detected pixels that touch an object belong to it;
-every other connected part is one false alarm, whatever its size.
+An object is found when one of its pixels is detected. A connected part of the detected pixels that contains a pixel of
+an object belongs to the object; every other part is one false alarm, whatever its size.
 """
 
 from collections.abc import Iterator
@@ -17,32 +17,32 @@ from .curve import Roc, usable
 
 RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 """False-alarm rates of the operating points; rates below one pixel of background are left out."""
-_MOST_THRESHOLDS = 40
+_MOST_THRESHOLDS = 40  # maximum number of thresholds of an `ObjectCurve` that are scores of objects
 
 
 @dataclass(frozen=True)
 class ObjectScore:
     """Score of an object of the truth."""
 
-    number: int  # in the truth
-    size: int  # valid pixels
-    left_out: int  # pixels that are not valid
+    number: int  # number of the object in the truth
+    size: int  # number of its valid pixels
+    left_out: int  # number of its pixels that are not valid
     score_max: float
     score_mean: float
-    pfa: float  # least pixel Pfa at which it is found: background that scores at least as high
-    bounds: tuple[tuple[int, int], tuple[int, int]]  # ((row0, row1), (col0, col1))
+    pfa: float  # smallest Pfa at which it is found: fraction of the background with a score of at least `score_max`
+    bounds: tuple[tuple[int, int], tuple[int, int]]  # ((row0, row1), (col0, col1)), half-open
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectCurve:
-    """Objects found against false alarms, as the threshold falls."""
+    """Number of objects found and number of false alarms, at each threshold from the highest to the lowest."""
 
-    objects: tuple[ObjectScore, ...]  # the highest score first; those without a valid pixel are not among them
+    objects: tuple[ObjectScore, ...]  # objects with a valid pixel, in order of descending `score_max`
     unseen: tuple[int, ...]  # numbers of the objects without a valid pixel: they cannot be found, and are not counted
-    thresholds: Float64  # (steps,), descending; detected is what is not less
-    found: Int64  # (steps,): objects
-    false_alarms: Int64  # (steps,): connected parts that touch no object
-    pfa: Float64  # (steps,): of pixels
+    thresholds: Float64  # (steps,), descending; pixels with a score of at least the threshold are detected
+    found: Int64  # (steps,): number of objects found
+    false_alarms: Int64  # (steps,): number of connected parts that contain no pixel of an object
+    pfa: Float64  # (steps,): fraction of background pixels that are detected
 
     @property
     def pd(self) -> Float64:
@@ -51,10 +51,10 @@ class ObjectCurve:
 
 
 def number_objects(truth: Array, *, connected: bool = False) -> Int32:
-    """Object numbers, 0 elsewhere: those of the truth where it holds several, else its connected parts.
+    """Number of the object of each pixel, (row, column); 0 elsewhere.
 
-    `truth` is (row, column): 0, or an object's number; NaN is no object. With `connected`, parts are taken whatever
-    their numbers, as of a map of classes. Numbers that are not integers are an InputError.
+    `truth`, (row, column), has 0 or the number of an object; NaN is no object. If there is only one number, or with
+    `connected` (for a map of classes), connected parts are the objects. Raises InputError: a number is no integer.
     """
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
@@ -70,10 +70,10 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
 def object_curve(
     scores: Array, objects: Array, roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
 ) -> ObjectCurve:
-    """Scores of all objects, and number found against false alarms.
+    """Scores of all objects, and number of objects found and of false alarms at thresholds.
 
-    `objects` come from `number_objects`; `roc` is of the same pixels. Thresholds of a pixel Pfa above `pfa_max` are
-    left out: false alarms run into one another there.
+    `objects`, (row, column), comes from `number_objects`; `roc` is the curve of the same pixels. Thresholds with a
+    pixel Pfa above `pfa_max` are left out, because false alarms merge there.
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
@@ -83,7 +83,7 @@ def object_curve(
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
     n, own = len(roc.background), roc.background.dtype.type
-    # and round values of Pfa, so that the curve goes on where no object is found
+    # thresholds of the round `RATES` are added, so that the curve has points where no object is found
     limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], own)
     levels = np.unique(np.append(levels, np.nextafter(limits, own(np.inf)).astype(np.float64)))[::-1]
     exact = levels.astype(own)
@@ -98,26 +98,26 @@ def object_curve(
 
 
 def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | None = None) -> list[Object]:
-    """Connected parts above a threshold that touch no object, the highest score first."""
+    """Connected parts above a threshold that contain no pixel of an object, in order of descending `score_max`."""
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
     return find(mask & ~np.isin(labels, touched), scores)
 
 
 def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:
-    """Connected parts of a detection mask that touch no object."""
+    """Number of connected parts of a mask of detected pixels that contain no pixel of an object."""
     labels, touched = _parts(mask & valid, objects)
     return int(labels.max(initial=0)) - len(touched)
 
 
 def _parts(mask: Mask, objects: Array) -> tuple[Int32, Int32]:
-    """Numbers of connected parts, and those that touch an object."""
+    """Number of the connected part of each pixel, (row, column); numbers of the parts that contain an object pixel."""
     labels = label(mask)
     return labels, np.unique(labels[mask & (objects != 0)])
 
 
 def _scored(scores: Array, objects: Array, ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
-    """Every object that has a valid pixel."""
+    """Yield the score of every object that has a valid pixel; `ok` is the mask of valid pixels."""
     rows, columns = np.nonzero(objects)
     numbers = objects[rows, columns]
     order = np.argsort(numbers, kind="stable")

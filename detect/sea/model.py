@@ -7,7 +7,8 @@ the median and the 99.9 % quantile of its distances over water; the score is the
 are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
 the statistics are computed again.
 
-Where the NIR is given, scores are divided by the usual score of water with the same NIR (`GlintScale`).
+Where the NIR is given, scores are divided by the usual score of water with the same NIR, relative to all water
+(`GlintScale`).
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ _FINE_PIXEL = 5.0
 """Pixel side below which a pixel is smaller than a boat [m]. There, submerged objects darker than the water count."""
 _ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0
-"""A pixel is excluded from the statistics above this multiple of the median distance: under 1e-9 of normal water."""
+"""Pixels farther than this multiple of the median distance are excluded from the statistics: 1e-9 of normal water."""
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
-_FLOOR = 0.1  # smallest local variance, as a fraction of that of the whole sea: limits the scores in smooth patches
+_FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
 _RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
 _CLASSES = 32
@@ -58,22 +59,22 @@ _REACH = 3
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Usual score of water in each class of the NIR, by which its scores are divided.
+    """Usual score of water in each class of the NIR; scores of pixels with the same NIR are divided by it.
 
     Residual glint is a heavy-tailed noise, whose standard deviation grows with the glint of the pixel. After division
-    water scores alike everywhere, and a submerged object is found where the glint above it is weak. Floating objects
-    are bright in the NIR themselves, so that the divisor is constant above the 90 % quantile of the NIR.
+    the scores of water are similar everywhere, and a submerged object is found where the glint above it is weak.
+    Floating objects are themselves bright in the NIR. So the divisor is constant above the 90 % quantile of the NIR.
     """
 
     centre: Float64  # (band,): median of the NIR over water
     spread: Float64  # (band,): robust standard deviation of the NIR over water
-    side: int  # of the largest averaging window of the scores [pixel]
-    glint: Float64  # (class,): standardised NIR, see `nearby`
-    factor: Float64  # (class,): usual score relative to that of the scene; does not decrease
+    side: int  # side of the largest averaging window of the scores [pixel]
+    glint: Float64  # (class,): median of the standardised NIR of the class, see `nearby`; ascending
+    factor: Float64  # (class,): divisor: usual score of the class / usual score of all water; does not decrease
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
-        """Fit the scale to the NIR, (band, row, column), and the scores of the water of blocks of a scene."""
+        """Fit the scale to blocks of a scene: NIR, (band, row, column), scores and mask of water, (row, column)."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -100,7 +101,7 @@ class GlintScale:
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
     def even(self, scores: Array, nir: Array) -> Float32:
-        """Scores divided by the usual score of water with the same NIR; (row, column)."""
+        """Divide scores by the usual score of water with the same NIR, relative to all water; (row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
 
@@ -138,9 +139,9 @@ def fit(
 ) -> SeaModel:  # fmt: skip
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
-    The side of a `pixel` [m] determines the scales, and `side` (one of `SIDES`) where that is not given. `nir` is the
+    The side of a `pixel` [m] determines the scales, and also `side` (one of `SIDES`) if it is not given. `nir` is the
     uncorrected NIR of every block, (band, row, column). It is not used where a boat fills a pixel: there, the boat
-    determines the NIR. Fewer than 100 pixels of water are a NoWaterError.
+    determines the NIR. Raises NoWaterError: there are fewer than 100 pixels of water.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
@@ -174,8 +175,8 @@ def fit(
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
     """Distance of every pixel of the sea from the water around it [standard deviation]; NaN on land and on the rim.
 
-    The block and its NIR, (band, row, column), and its classes hold the wanted part and a margin of `model.halo`
-    pixels. The NIR is needed where `fit` was given it.
+    The block and its NIR, (band, row, column), and its classes contain the requested part and a margin of `model.halo`
+    pixels. The NIR is needed if the model was fitted with it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
@@ -188,7 +189,7 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _State:
-    """A block in robust standard deviations, its means at every scale, and the pixels in the statistics (`used`)."""
+    """A block in robust standard deviations (`x`), its `means` at every scale, and the pixels in use (`used`)."""
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
@@ -199,17 +200,17 @@ class _State:
         self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
-        # there are no statistics yet: exclude pixels as bright as land
+        # there are no statistics yet: exclude pixels that are as bright as land
         self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
         """Mean of the used water within the window, (band, row, column), and number of its pixels, (row, column)."""
         count = _sums(self.used.astype(np.float32), SEA_WINDOW)
         total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
-        return total / (count + 1), count  # + 1: a pixel at the scene's median, for windows without water
+        return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, variance: Float64) -> list[Array]:
-        """Standardised contrast z at every scale, (band, row, column), given the variance of the whole sea."""
+        """Standardised contrast z at every scale, (band, row, column); `variance`, (scale, band), of the whole sea."""
         mean, count = self.local()
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -234,6 +235,7 @@ def _sums(values: Array, side: int) -> Array:
 
 
 def _distance(z: Array, white: Float64, side: str) -> Float32:
+    """Mahalanobis distance of contrasts z, (band, row, column); for the side "bright", darker pixels have 0."""
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
     if side == "bright":
@@ -250,7 +252,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 
 def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
-    """Variance, correlation, and quantiles of the distance at every scale, over the used water."""
+    """The model with variance, whitening matrix, and quantiles of the distance at every scale, over the used water."""
     variance = np.zeros_like(model.variance)
     total = max(sum(int(s.used.sum()) for s in states), 1)
     for state in states:
@@ -274,7 +276,7 @@ def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
 
 
 def _combined(state: _State, model: SeaModel) -> Float32:
-    """Maximum of the normalised distances over the scales, in the unit of the first scale."""
+    """Maximum of the normalised distances over the scales, (row, column), in the unit of the distance at scale 1."""
     scales = zip(state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True)
     best = reduce(np.maximum, ((_distance(z, w, model.side) - low) / (high - low) for z, w, low, high in scales))
     low, high = float(model.middle[0]), float(model.rare[0])

@@ -48,9 +48,9 @@ _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 class SeaRule:
     """Size of a pixel and of the largest floating object; with a length of 0 the water mask is used as it is."""
 
-    pixel: float  # side [m]
-    length: float = LARGEST[0]  # of the largest floating object [m]
-    width: float = LARGEST[1]
+    pixel: float  # side of a pixel [m]
+    length: float = LARGEST[0]  # length of the largest floating object [m]
+    width: float = LARGEST[1]  # width of the largest floating object [m]
 
     def __post_init__(self) -> None:
         if not self.pixel > 0:
@@ -101,7 +101,7 @@ def _opened(mask: Mask, window: Uint8) -> Mask:
 
 
 def _line(length: float, angle: float) -> Uint8:
-    """Window in the shape of a line: its length [pixel], and angle clockwise from the image's up direction [degree]."""
+    """Window in the shape of a line: its length [pixel], and its angle clockwise from the upward direction [degree]."""
     import cv2
 
     half = (length - 1) / 2
@@ -115,13 +115,13 @@ def _line(length: float, angle: float) -> Uint8:
 def hull(length: float, width: float, size: float) -> bool:
     """Whether a part of `size` pixels has the shape of a ship: elongated, and filling its smallest rectangle.
 
-    `length` and `width` are those of the rectangle [pixel].
+    `length` and `width` are the sides of the rectangle [pixel].
     """
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
 def likeness(length: float, width: float, size: float) -> float:
-    """Likeness to a ship of a part attached to land, from its size and the sides of its smallest rectangle [pixel].
+    """Likeness of a part attached to land to a ship, from its size and the sides of its smallest rectangle [pixel].
 
     A hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not. The cube gives the
     filled fraction more weight than the size.
@@ -130,9 +130,9 @@ def likeness(length: float, width: float, size: float) -> float:
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle around the pixels of a mask: length and width [pixel], and angle of the longer side.
+    """Smallest rectangle around the pixels of a mask: length and width [pixel], and angle of the longer side [degree].
 
-    The angle is clockwise from the image's up direction, 0 to 180 degrees.
+    The angle is clockwise from the upward direction of the image, 0 to 180 degrees.
     """
     import cv2
 
@@ -146,7 +146,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels and statistics of all connected parts; label, length and width of those that fit into a rectangle."""
+    """Labels and statistics (OpenCV) of all parts; label, length, width [pixel] of parts that fit into a rectangle."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
@@ -162,7 +162,7 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tu
 
 
 def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
-    """Holes that a ship may fill: first those surrounded by water, then those next to land or to the image border."""
+    """Masks of holes that a ship may fill: surrounded by water; and next to land or to the edge of the image."""
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
@@ -197,10 +197,10 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Protrusions of the land with the size and shape of a ship, which do not touch each other.
+    """Mask of protrusions of the land with the size and shape of a ship, which do not touch each other.
 
-    In every direction, land is selected that is not wider than a ship across the direction, and straight along it for
-    the minimum length of a ship. This separates ships from their quay, and from piers in another direction.
+    For every direction, the function selects land that is not wider than a ship across the direction, and straight
+    along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.
     """
     length, width = rule.sides
     shortest = max(_SHORTEST / rule.pixel, 5.0) if rule.sides[0] * rule.pixel >= rule.length - 1 else 5.0

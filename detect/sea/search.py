@@ -34,29 +34,29 @@ _BODY = 60
 """Size from which a candidate is confirmed whatever its peak, where pixels are smaller than a boat [pixel]: noise that
 is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6
-"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: that of a disc of 4 m, the smallest
-object that glint removal keeps. Residual glint is smaller."""
-_LEAST = 50  # minimum number of peaks for a fit
+"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc with a diameter of 4 m is the
+smallest object that glint removal keeps. Residual glint is smaller."""
+_LEAST = 50  # a distribution is fitted to more than this number of peaks
 _MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bulk of the water
 
 
 @dataclass(frozen=True, eq=False)
 class Clutter:
-    """Scores of candidates that are not confirmed as objects, and the distribution of their highest values.
+    """Scores of the sea without confirmed objects, and the distribution of the peaks of unconfirmed candidates.
 
     A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
     """
 
-    tail: Tail  # scores of clutter pixels
-    low: float  # score above which candidates are taken
+    tail: Tail  # highest scores of the sea without the pixels of confirmed objects
+    low: float  # score that the pixels of candidates exceed
     peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
-    area: float  # of the searched sea [km2]; NaN where the size of a pixel is not known
-    confirmed: int  # objects
-    confirmed_pixels: int
-    shape: float  # of the distribution; NaN where there are too few peaks, or all are equal
-    scale: float
+    area: float  # area of the searched sea [km2]; NaN where the size of a pixel is not known
+    confirmed: int  # number of confirmed objects
+    confirmed_pixels: int  # number of their pixels
+    shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
+    scale: float  # scale of the distribution [unit of the scores]
     large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
-    large_share: float = 1.0  # fraction of the unconfirmed candidates that have as many pixels
+    large_share: float = 1.0  # fraction of the unconfirmed candidates with at least so many pixels
 
     @property
     def fitted(self) -> bool:
@@ -84,7 +84,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that is exceeded by the given number of false objects per km2."""
+        """`score_top` that the expected `false_per_km2` false objects exceed. Raises InputError: no area is known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
@@ -111,8 +111,8 @@ class Clutter:
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
-    `tail` holds the highest scores of the searched sea, whose area is in km2. The candidates are connected pixels above
-    `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
+    `tail` holds the highest scores of the searched sea, and `area` is its area [km2]. The candidates are connected
+    pixels above `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -151,7 +151,7 @@ class Search:
     scores : (row, column) ndarray of float32
         Distance from the water around [standard deviation]; NaN where there is no sea.
     classes : (row, column) ndarray of uint8
-        From `detect.sea.region`.
+        Class of each pixel, from `detect.sea.region`.
     objects : list of dict
         One record per object, highest score first; `pandas.DataFrame(search.objects)` makes a table.
     threshold : Threshold
@@ -185,7 +185,7 @@ def score_scene(
     pfa : float
         Requested false-alarm rate per pixel.
     side : str, optional
-        "bright" or "both"; by default determined from the size of a pixel.
+        Sign of the anomalies, "bright" or "both" (bright and dark); by default from the size of a pixel.
 
     Returns
     -------
