@@ -21,7 +21,10 @@ class Candidate:
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Candidate recipes, simplest first, for widths of the smallest object to keep and a clump of glint [pixel]."""
+    """Candidate recipes, simplest first.
+
+    `width`: width of the smallest object to keep [pixel]; `clump`: width of a clump of glint [pixel]
+    """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
     delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
     targets = "targets, " if delayed else ""

@@ -245,11 +245,12 @@ def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
-    """For each band the largest value of water, and noise, if resampling has caused ringing; else empty.
+    """A pair for each band if resampling has caused ringing: the largest value of water without glint, and the standard
+    deviation of noise. Empty if there is no ringing.
 
     Resampling leaves negative lobes (pits) beside sparkle, and an erosion would widen them. Dark objects are darker
     than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band has
-    pits. `sigma`: standard deviation of noise, (band,).
+    pits in more than a share `MOST_PITS` of its pixels. `sigma`: standard deviation of noise, (band,).
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

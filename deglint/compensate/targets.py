@@ -164,7 +164,7 @@ class Excess:
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
     below: list[Float32]  # its background
-    afloat: bool = False  # a target must be lit in a dark band: without an opening, objects under water are not removed
+    afloat: bool = False  # whether a target must be lit in a dark band, if there is one: without an opening
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:

@@ -1,4 +1,4 @@
-"""Checks of values against the range of a model; an error names the value, its range, what was got, and a remedy."""
+"""Checks of values against the range of a model; an error names parameter, range, the value given, and a remedy."""
 
 from dataclasses import field, fields
 from typing import Any, cast

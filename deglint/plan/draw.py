@@ -191,7 +191,9 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Index among `around` azimuths and `down` zenith angles of each oversampled pixel of a disc, for cv2.remap."""
+    """Maps for cv2.remap: for each oversampled pixel of a disc, the fractional column (azimuth) and row (zenith angle)
+    in a table of `down` zenith angles by `around` azimuths. `radius`: of the disc, before oversampling [pixel].
+    """
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]
     column = np.mod(np.arctan2(x, y) / np.float32(2 * np.pi), 1.0) * (around - 1)

@@ -82,7 +82,11 @@ class Layout:
 
     @property
     def block(self) -> tuple[int, int]:
-        """Rows and columns of a block of the output: as in the input if it is tiled and its blocks fit `tile`."""
+        """Rows and columns of a block of the output.
+
+        The side is that of the input's blocks if these are tiles, and divide `tile`. Else it is the largest standard
+        side that divides `tile`, or the smallest that holds the image, if `tile` spans it.
+        """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
             _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)

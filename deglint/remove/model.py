@@ -87,7 +87,8 @@ class GlintModel:
     second : tuple of GlintIndex
         Indexes for strips of the second kind, in the order of `indexes`; empty without strips.
     signed : bool
-        Whether a kernel model adds light where its prediction is below the level, as after replacing strong glint.
+        Whether a kernel model also adds light, where its prediction is below the level. True for models that are fitted
+        after a stage has replaced strong glint.
     """
 
     method: str

@@ -36,7 +36,7 @@ class Strips:
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 
     def share(self, rows: tuple[int, int], columns: tuple[int, int]) -> npt.NDArray[np.float32]:
-        """Weight of the second kind, 0 to 1, at each pixel (row, column) of a window; it changes gradually.
+        """Weight of the second kind of strip, 0 to 1, at each pixel (row, column) of a window; it changes gradually.
 
         rows, columns : first and last + 1 of the window in the scene [pixel]
 

@@ -66,8 +66,9 @@ class Clutter:
     def false_per_km2(self, score: float, pixels: int = 1) -> float:
         """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN without an area.
 
-        For a large and bright object the number is multiplied by the fraction of large candidates. Pass the number of
-        `pixels` only for objects with the shape of a ship: slicks, shoals and clouds are large, too.
+        Few false objects are large. If `pixels` and `score` reach the limits in `large`, the number is multiplied by
+        `large_share`. Pass `pixels`, the size of the object, only if it has the shape of a ship, because slicks, shoals
+        and clouds are large, too. By default the size is ignored.
         """
         if not self.area > 0:
             return math.nan

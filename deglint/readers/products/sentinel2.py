@@ -82,7 +82,11 @@ def _granule(member: str) -> str:
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
-    """File of each band, and skipped bands; bands of 60 m are used only with `single` or if there are no others."""
+    """File of each band (with the smallest pixels), and the bands that are left out.
+
+    `images`: match of the name of each file, by path. Bands of 60 m are kept only if the user named one band file
+    (`single`), or if there are no finer bands.
+    """
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
         name = match["band"].upper()
