@@ -51,7 +51,10 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A fitted detector: the score of a pixel x, (bands,), is `|whiten d|^2 + linear . d` with d = x - mean - rest."""
+    """A fitted detector.
+
+    The score of a pixel x, (bands,), is the squared length of `whiten` d plus `linear` d, with d = x - mean - rest.
+    """
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean

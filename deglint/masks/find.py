@@ -332,7 +332,8 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     `nir`: sorted values (pixel,). `level`: NIR of typical water, where the histogram starts. `high`: end of the gap.
     The water is the peak of the histogram, which ends at its foot. The threshold lies at `INTO_GAP` of the way from the
     foot to `high`. At the foot, the logarithm of the density lies farthest below the straight line from the peak to
-    `high`: the triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454.
+    `high`: the triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753,
+    doi:10.1177/25.7.70454.
     """
     if not high > level:
         return high
