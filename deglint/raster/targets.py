@@ -59,7 +59,7 @@ def _read_with(name: str) -> Iterator[str]:
         try:
             with open_dataset(file) as dataset:
                 listed, mosaic = dataset.files, dataset.driver == "VRT"
-        except (InputError, ReadError):
+        except (InputError, ReadError, UnicodeDecodeError):  # the last: a VRT whose sources have names in no encoding
             continue
         for other in listed:
             yield from (other, *_local(other))
