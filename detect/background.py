@@ -97,7 +97,7 @@ class Background:
             if found["background"] != 1 or not finite or len(names) not in (0, len(mean)):
                 raise ValueError
             return cls(int(found["n"]), mean, rest, matrix, str(found["rule"]), float(found["shrinkage"]), names)
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise InputError("not a saved background, or damaged; make one with --save-background.") from error
 
 

@@ -91,7 +91,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
     try:
         with urlopen(Request(path, headers={"Accept": "application/json"}), timeout=_STAC_PATIENCE) as answer:
             document = json.load(answer)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         why = getattr(error, "reason", None) or error
         raise ReadError(
             f"cannot read the STAC Item {path}: {why}. Check the address, or save the Item as a file."

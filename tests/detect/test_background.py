@@ -146,7 +146,10 @@ def test_saved_and_read_is_the_same(rule):
     assert (again.n, again.rule, again.shrinkage, again.names) == (found.n, rule, found.shrinkage, found.names)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"background": 2}', '{"background": 1, "mean": [1]}'])
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"background": 2}', '{"background": 1, "mean": [1]}', "[" * 100_000],
+    ids=["empty", "list", "nothing", "format", "mean", "nested"],
+)  # fmt: skip
 def test_what_is_no_background_is_refused(text):
     with pytest.raises(InputError, match="not a saved background"):
         Background.from_json(text)

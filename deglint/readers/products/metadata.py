@@ -97,7 +97,7 @@ class Container:
         elif ending.endswith(".json"):
             try:
                 root = _grown("", json.loads(data))
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 raise MetadataError(member, "it is not JSON") from error
         else:
             root = _grown("", groups_of(data.decode("utf-8-sig", errors="replace")))
