@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sums of first * second along rows: fill `whole` (width of the window) and `beside` (same, without the guard)."""
+    """Fill `whole` with sums of first * second along rows over the window; `beside` with these without the guard."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -79,12 +79,13 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot). Where the pivot is lost or inexact, `scale` is 0, and `state` marks the pixel.
+    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 where the pivot is lost or inexact; update `state` there.
 
-    pivot : what earlier bands leave of the sum of squares of a band; lost below `exact` times the sum, inexact below
-        1000 times as much
-    rest : what earlier bands leave of the deviation of the pixel from the mean of its ring
-    ring : sum of squares, number of pixels of the ring, and deviation of the pixel
+    pivot : sum of squares of the band in the ring, minus the part that earlier bands explain; lost up to `exact` times
+        the sum, inexact up to 1000 times as much
+    rest : deviation of the pixel from the mean of its ring, minus the part that earlier bands explain
+    ring : sum of squares of the band, number of pixels of the ring, and deviation of the pixel, before the subtraction
+    state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE stays
     """
     square, count, away = ring
     for c in range(len(pivot)):
@@ -101,9 +102,9 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 
 @njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
-    """`distances` of `LANES` pixels side by side, by Cholesky's factor, row by row.
+    """`distances` of `LANES` pixels at the same time, by Cholesky's factor, row by row.
 
-    `root`, (bands + 1, bands, pixels), is filled with the factor; its last row with the whitened pixels.
+    `root`, (bands + 1, bands, pixels), is an output: the rows of the factor, and a last row for the whitened pixels.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
@@ -146,8 +147,8 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of pixels from their rings, and the state of each.
 
-    The states are DONE; DEFICIENT: bands of the ring are linearly dependent, and were left out because the pixel has
-    the same dependence; ASIDE: the sums are not precise enough, or the ring has too few pixels: `total` is not valid.
+    DONE: the distance in `total` is valid. DEFICIENT: it is valid, without bands that depend linearly on others in both
+    ring and pixel. ASIDE: it is not valid, because the sums are not precise enough or the ring has too few pixels.
 
     sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : outputs, (pixels,)
     """

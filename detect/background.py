@@ -36,7 +36,7 @@ class Background:
     Attributes
     ----------
     n : int
-        Number of pixels that it was fitted to.
+        Number of pixels in the estimate; for "mcd" the pixels of the sample without outliers.
     mean, rest : (bands,) ndarray
         The precise mean is mean + rest; `rest` is the rounding error of `mean`.
     covariance : (bands, bands) ndarray
@@ -44,7 +44,7 @@ class Background:
     rule : str
         Estimator of the covariance, one of `COVARIANCES`.
     shrinkage : float
-        Weight of the identity in the shrunk correlation; for "ridge" the added share of the variance.
+        "ledoit-wolf" and "oas": weight of the identity in the correlation; "ridge": the ridge; else 0.
     names : tuple of str
         Names of the bands; empty where they are not known.
     """
@@ -87,7 +87,7 @@ class Background:
 
     @classmethod
     def from_json(cls, text: str) -> Background:
-        """Restore a background from the text of `to_json`. Raises InputError: the text is damaged, or another one."""
+        """Restore a background from a text. Raises InputError: the text is damaged, or does not come from `to_json`."""
         try:
             found = json.loads(text)
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
@@ -111,7 +111,7 @@ class Part:
 
     @classmethod
     def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
-        """Part of a block, (band, row, column), with its first pixel at the row and column `origin` of the scene.
+        """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
         One pixel in `share` is sampled; 0: none. The mask, (row, column), is True at pixels of the background.
         """
@@ -124,7 +124,7 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Part]) -> Part:
-        """Merge parts: the cells of each row of cells become one cell.
+        """Merge parts. All cells at the same height in the scene (a row of cells) become one cell.
 
         Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the
         result is the same to the bit for any tiling.
@@ -227,7 +227,7 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """Sampling interval for an estimator of the covariance in a scene of `pixels` pixels: one pixel in N; 0: none."""
+    """Interval N for a scene of `pixels` pixels: the estimator takes one pixel in N; 0 if it needs no sample."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 

@@ -81,12 +81,12 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 
 
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
-    """Mean, covariance, and number of pixels in the estimate: minimum covariance determinant of a sample, reweighted.
+    """Robust mean and covariance of a sample by the minimum covariance determinant, and number of pixels in them.
 
-    The core is the fraction `keep`, 0.5 to 1, of `sample`, (pixels, bands), whose covariance has the smallest
-    determinant. All pixels must be finite; outside the core they may have any values. Concentration steps (Rousseeuw
-    and Van Driessen 1999, theorem 1) begin with three deterministic estimates, after Hubert et al. (2012). The estimate
-    is then reweighted, and scaled to be consistent for a normal background: some dozen passes over the sample.
+    `sample`, (pixels, bands), must be finite. The core is the fraction `keep`, 0.5 to 1, of the pixels whose covariance
+    has the smallest determinant. Concentration steps (Rousseeuw and Van Driessen 1999, theorem 1) search it from three
+    deterministic estimates, after Hubert et al. (2012). Mean and covariance are then computed from all pixels near the
+    core, and the covariance is scaled to be consistent for a normal background: some dozen passes over the sample.
     """
     from scipy.stats import chi2
 
@@ -112,7 +112,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """First means and covariances for `_concentrate`; x, (pixels, bands), has median 0 and robust deviation 1."""
+    """Three means and covariances to start `_concentrate`, parameters as there; x has median 0, robust deviation 1."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
@@ -127,9 +127,9 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Fit mean and covariance to the `count` nearest pixels, repeatedly, until the determinant no longer decreases.
+    """Fit mean and covariance to the `count` pixels nearest to the last fit, until the determinant does not decrease.
 
-    Returns mean, covariance and the logarithm of the determinant.
+    x is (pixels, bands). Returns mean, covariance and the logarithm of the determinant.
     """
     before = np.inf
     for _ in range(_STEPS):

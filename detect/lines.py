@@ -1,7 +1,8 @@
 """RX line by line, compared with the lines before: for push-broom sensors, on board, in bounded memory.
 
 Mean and covariance are exponential averages over the previous lines. A line is scored first, and then added to the
-averages without its pixels of high scores, so that a target is not part of its own background.
+averages without its pixels of high scores, so that a target is not part of its own background. If at least half of a
+line has high scores, the background has changed, and the whole line is added.
 """
 
 from collections.abc import Iterable, Iterator
@@ -50,7 +51,7 @@ class LineScorer:
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
-        """Squared Mahalanobis distance of every pixel of a line from the lines before.
+        """Squared Mahalanobis distance of every pixel of a line from the lines before; then the line is added to them.
 
         Parameters
         ----------

@@ -246,7 +246,7 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
     """d^T M^+ d with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,); and whether M has full rank.
 
-    R = `ring`, (pixel, band): the mean is subtracted, and each row is multiplied by `root`, the root of its weight.
+    R = `ring`, (pixel, band), holds deviations from the mean, times `root`, (pixel,): the square roots of the weights.
     """
     bands = ring.shape[1]
     if bands > SUMS_BANDS:
@@ -263,7 +263,7 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
 
 
 def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """`_inverse_form` for many bands, by Cholesky: from M, or if pixels are few from R R^T, as |(R R^T)^+ R d|^2."""
+    """`_inverse_form` for many bands, by Cholesky: of M; with few pixels and no ridge of R R^T: |(R R^T)^+ R d|^2."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape

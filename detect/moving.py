@@ -123,7 +123,7 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
 
 
 def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
-    """Boat whose uniform motion fits the places `track`, (band, 2) [pixel], by least squares; `least`: its contrast."""
+    """Boat whose uniform motion fits the places `track`, (band, 2) [pixel], by least squares; `least`: the contrast."""
     step, place = np.polyfit(times, track, 1)
     error = float(np.sqrt(((track - place - np.outer(times, step)) ** 2).sum(axis=1).mean()))
     heading = math.degrees(math.atan2(step[1], -step[0])) % 360

@@ -196,7 +196,7 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 
 
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold that a fraction `pfa` of the scores exceeds: the lowest score that at most pfa n of n scores exceed.
+    """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
     NaN is left out. Raises InputError: no score is valid, `pfa` is below 1 / n, or the tail keeps too few scores.
     """
@@ -316,7 +316,7 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
 
 
 def _excess_at(ratio: float, shape: float, scale: float) -> float:
-    """Excess above the start of the tail that one in `ratio` scores of the tail is greater than."""
+    """Excess (score minus start of the tail) that a fraction of 1 / `ratio` of the scores in the tail exceeds."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 

@@ -126,5 +126,5 @@ def _recipe(recipe: Recipe | str) -> Recipe:
 
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
-    """Scores of a tile of `scene`, (1, row, column); the plan of `work` belongs to another scene."""
+    """Scores of a tile of `scene`, (1, row, column); `scene` replaces the scene in the plan of `work`."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

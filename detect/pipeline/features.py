@@ -74,8 +74,8 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move.
 
-    Both come from the nearest moving boat that the object can reach between the bands. `area` is the area of a pixel
-    [m2]. Raises InputError: the times of the bands, or the size of a pixel, are not known.
+    Both are those of the nearest moving boat, if a boat can move from there to the object between the bands. `area` is
+    the area of a pixel [m2]. Raises InputError: the times of the bands, or the size of a pixel, are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -172,7 +172,7 @@ def _rgb(scene: Scene) -> list[int]:
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
-    """List of the scene before removal; empty if the sidecar does not name its files, or they have another size."""
+    """The scene before removal, in a list; empty if the sidecar names no readable files, or the sizes differ."""
     try:
         files = [file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]]
         raw = open_scene(files)

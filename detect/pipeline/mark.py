@@ -26,9 +26,10 @@ Places = tuple[Int64, Int64, Array]
 Rated = tuple[Object, str, float, float]
 """An object, its kind, the expected number of false objects per km2, and its probability of being real."""
 CANDIDATES = 0.04
-"""Fraction of the scores of the sea that are kept, the highest: larger than the fraction of the candidates' pixels."""
+"""Fraction of the scores that are kept for the sea, the highest ones. Fewer pixels belong to candidates."""
 _UNKNOWN_PIERS = 3
-"""Added to the rank of an object attached to land: if no false object is known, up to three are possible (at 95 %)."""
+"""Number of false objects attached to land that are possible (at 95 %) even if none is known. It is added to the rank
+of such an object, because all up to its rank may be false, too."""
 
 
 def joined(parts: Sequence[Places]) -> Places:

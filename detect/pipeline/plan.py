@@ -43,7 +43,7 @@ _OTHERS: dict[str, tuple[Any, str]] = {
     "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
     "background": ("", "rx"), "covariance": ("empirical", "rx"),
 }  # fmt: skip
-"""Options that "sea" does not have: default value, and the detector that "auto" selects for any other value."""
+"""For each option that "sea" does not have: its default, and the detector that "auto" selects for other values."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # minimum number of blocks for the fit; the pixels of water must fill half of so many blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
@@ -186,7 +186,7 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use; by default in the order of the saved background, if one is given."""
+    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default."""
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
@@ -221,7 +221,7 @@ def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, W
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector that the options require in place of "sea", and the reason; "rx" and "" if no option excludes "sea"."""
+    """Detector to use if an option or many bands exclude "sea", and the reason; "rx" and "" if nothing excludes it."""
     for name, (usual, method) in _OTHERS.items():
         if getattr(recipe, name) != usual:
             return method, f"--{name} is an option of it"

@@ -25,7 +25,8 @@ class Recipe:
     Attributes
     ----------
     method : str
-        "auto" (sea where there is water, else rx), or a key of `detect.rx.METHODS`.
+        A key of `detect.rx.METHODS`, or "auto": the detector of an option that "sea" does not have, if one is set; else
+        "rx" for more than 16 bands or without water; else "sea".
     window : (int, int)
         Sides of guard and window of "local" [pixel].
     border, ddof : str, int
@@ -43,7 +44,7 @@ class Recipe:
         Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
         is water for "sea", else everywhere. "sea" fills the holes of the mask at floating objects.
     pfa : float, optional
-        Requested false-alarm rate per pixel.
+        Requested false-alarm rate per pixel; without it and `false_per_km2` there is no threshold.
     threshold : str
         One of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional

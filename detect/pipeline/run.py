@@ -305,9 +305,9 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
 
 
 def _removal_without_effect(plan: Plan) -> str | None:
-    """Warning that the glint removal of the input does not change the scores; None if it does, or is not known.
+    """Warning that the scores are the same as without the glint removal; None if they differ, or this is not known.
 
-    The scores of invariant detectors do not change if the removal is linear and its NIR is among the bands in use.
+    The scores of invariant detectors are the same if the removal is linear, and the bands in use contain its NIR bands.
     """
     if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
         return None

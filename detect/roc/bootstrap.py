@@ -92,15 +92,15 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Rates Pfa, (62,): 0.5 / `background`, which allows no pixel; then 61 in logarithmic steps from one pixel to 1."""
+    """Rates Pfa, (62,): half a pixel of `background`, so no false alarm; then logarithmic steps from one pixel to 1."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _levels(roc: Roc) -> Array:
     """Ascending levels between which scores are counted.
 
-    They are target scores, and background scores at ranks from the highest in logarithmic and in even steps. Each is
-    followed by the next larger number, so that scores that are equal to it are counted separately.
+    Levels are distinct target scores, and background scores at ranks in logarithmic and in even steps. After each of
+    these scores follows the next larger number, so that pixels with exactly this score are counted separately.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:

@@ -103,7 +103,7 @@ class Roc:
 
     @cached_property
     def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
-        """Distinct target scores, ascending; number of targets with each; number of background below, and up to it."""
+        """Distinct target scores, ascending; for each the number of targets, of lower, of lower or equal background."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
         return distinct, counts.astype(np.int64), below.astype(np.int64), upto.astype(np.int64)
@@ -278,7 +278,7 @@ def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, F
 
 
 def _variance(v10: Float64, v01: Float64) -> float:
-    """DeLong variance of an area, from `_components`, or of a difference of two areas, from their differences.
+    """DeLong's variance of an area from its `_components`, or of a difference of areas from differences of components.
 
     `v10` is (targets,), `v01` is (background pixels,). NaN where one of them has fewer than two values.
     """

@@ -37,10 +37,10 @@ SCALES = (1,)
 _FINE_SCALES = (1, 3, 5)
 """Sides of the averaging windows [pixel], where pixels are smaller than an object: sparkle is averaged out."""
 _FINE_PIXEL = 5.0
-"""Pixel side below which a pixel is smaller than a boat [m]. There, submerged objects darker than the water count."""
+"""Pixels with a shorter side are smaller than a boat [m]. With them, submerged (dark) objects are searched, too."""
 _ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0
-"""Pixels farther than this multiple of the median distance are excluded from the statistics: 1e-9 of normal water."""
+"""Pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels."""
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
 _FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
@@ -52,7 +52,7 @@ _USUAL = 0.75
 it."""
 _LAST_FACTOR = 0.9
 """Quantile of the NIR above which the divisor is constant: there, boats and swimmers are as bright as glint. On a
-simulated sea with pixels of 1.24 m, 1 finds no boat, and 0.75 finds two submerged objects fewer."""
+simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
 _REACH = 3
 """Side of the window over which the maximum of the NIR is taken [pixel]: waves move by about a pixel between bands."""
 
@@ -92,7 +92,7 @@ class GlintScale:
         return cls(centre, spread, side, middle, np.minimum(factor, last))
 
     def nearby(self, nir: Array) -> Float32:
-        """Local maximum of the NIR [standard deviation], averaged over the window of the scores; (row, column)."""
+        """Maximum of the standardised NIR over bands and neighbours, averaged over `side` pixels; (row, column)."""
         import cv2
 
         centre, spread = self.centre[:, None, None], self.spread[:, None, None]
@@ -139,9 +139,9 @@ def fit(
 ) -> SeaModel:  # fmt: skip
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
-    The side of a `pixel` [m] determines the scales, and also `side` (one of `SIDES`) if it is not given. `nir` is the
-    uncorrected NIR of every block, (band, row, column). It is not used where a boat fills a pixel: there, the boat
-    determines the NIR. Raises NoWaterError: there are fewer than 100 pixels of water.
+    `pixel` is the side of a pixel [m]. Below 5 m there are several scales, and `side` (one of `SIDES`) is "both" by
+    default; else, or for None, one scale and "bright". `nir`, the uncorrected NIR of every block, (band, row, column),
+    is used only below 5 m: a boat fills a larger pixel. Raises NoWaterError: fewer than 100 pixels are water.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")

@@ -20,9 +20,9 @@ from ..arrays import Float64, Mask, Uint8
 
 Classes = Uint8
 NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
-"""Classes of pixels. RIM: water next to land, mixed pixels: in the statistics, without a score. AFLOAT: holes that a
-ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship next
-to land: clutter, not objects."""
+"""Classes of pixels. RIM: water next to land (mixed pixels); it is in the statistics, and has no score. AFLOAT: holes
+that a ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship
+next to land, which count as clutter."""
 LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
 MOST = 128
 """Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
@@ -34,13 +34,14 @@ _FILL = 0.55
 _ELONGATION = 1.8
 """Minimum ratio of length to width of a ship. Ships have 4 to 8; the blur of a pixel lowers the ratio."""
 _ATTACHED_WITHIN = 2
-"""A part this near to land is attached to it [pixel]: the single pixel between is mixed and does not show water."""
+"""A part is attached to land up to this distance [pixel]: a single pixel between them is mixed, not certain water."""
 _CONTINUED = (0.5, 0.25)
-"""Land continues a part if the fraction of land is at least the first value at both ends, and at most the second at the
-sides. Bends and mixed pixels lower the fraction at the ends. Land at a side is a quay. Values of 0.2 to 0.3 for the
-sides find the same ships in six real ports."""
+"""A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
+second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay. For the sides, all
+values of 0.2 to 0.3 find the same ships in six real ports."""
 _DIRECTIONS = 12
-"""Number of directions in the search for ships alongside: 7.5 degrees are within the tolerance of a hull of 8 to 1."""
+"""Number of directions in the search for ships alongside. A ship deviates by at most 7.5 degrees from the nearest of
+them; a hull 8 times as long as wide tolerates this."""
 _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 
@@ -121,10 +122,10 @@ def hull(length: float, width: float, size: float) -> bool:
 
 
 def likeness(length: float, width: float, size: float) -> float:
-    """Likeness of a part attached to land to a ship, from its size and the sides of its smallest rectangle [pixel].
+    """How similar a part attached to land is to a ship: size times the cube of the filled fraction of its rectangle.
 
-    A hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not. The cube gives the
-    filled fraction more weight than the size.
+    `length` and `width` are the sides of the smallest rectangle, `size` is the number of pixels in the part. A hull
+    fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not.
     """
     return size * (size / (length * width)) ** 3
 
@@ -146,7 +147,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels and statistics (OpenCV) of all parts; label, length, width [pixel] of parts that fit into a rectangle."""
+    """Labels and statistics (OpenCV) of all parts; label and own sides [pixel] of parts up to `length` and `width`."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
@@ -197,7 +198,7 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Mask of protrusions of the land with the size and shape of a ship, which do not touch each other.
+    """Mask of parts of the land with the size and shape of a ship; of two that touch, only that of higher `likeness`.
 
     For every direction, the function selects land that is not wider than a ship across the direction, and straight
     along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.

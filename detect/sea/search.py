@@ -26,13 +26,13 @@ from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
 LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
 _CONFIRMED = (9.0, 3.0)
 """A confirmed object has a peak above this multiple of the 90 % quantile of water. First value: coarse pixels, where
-wakes and clouds reach half of it. Second value: pixels smaller than a boat."""
+wakes and clouds reach half of this. Second value: pixels smaller than a boat."""
 _LARGE_OBJECTS = (40, 12)
 """Minimum size of a confirmed object [pixel]. First value: coarse pixels (a blurred ship of 100 m by 30 m at 10 m).
 Second value: pixels smaller than a boat (a boat). Waves and sparkle are smaller."""
 _BODY = 60
-"""Size from which a candidate is confirmed whatever its peak, where pixels are smaller than a boat [pixel]: noise that
-is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
+"""With pixels smaller than a boat, a candidate of at least this size is confirmed, also with a low peak [pixel]. Noise
+that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6
 """Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc with a diameter of 4 m is the
 smallest object that glint removal keeps. Residual glint is smaller."""
@@ -66,9 +66,9 @@ class Clutter:
     def false_per_km2(self, score: float, pixels: int = 1) -> float:
         """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN without an area.
 
-        Few false objects are large. If `pixels` and `score` reach the limits in `large`, the number is multiplied by
-        `large_share`. Pass `pixels`, the size of the object, only if it has the shape of a ship, because slicks, shoals
-        and clouds are large, too. By default the size is ignored.
+        Few false objects are large. If `pixels` is at least `large[0]` and `score` exceeds `large[1]`, the number is
+        multiplied by `large_share`. Pass `pixels`, the size of the object, only if the object has the shape of a ship,
+        because slicks, shoals and clouds are large, too. By default the size is ignored.
         """
         if not self.area > 0:
             return math.nan
@@ -85,7 +85,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that the expected `false_per_km2` false objects exceed. Raises InputError: no area is known."""
+        """`score_top` that so many false objects per km2 exceed on average. Raises InputError: no area is known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
