@@ -171,7 +171,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before it is processed, and the reason; "failed": its outputs exist, but do not match."""
+    """Status of a scene before it is processed, and why; "failed" if outputs exist that do not come from this job."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:

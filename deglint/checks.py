@@ -84,7 +84,7 @@ def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
 
 
 def check_choice(value: Any, known: list[str], name: str) -> None:
-    """Check that a value is one of the known words; if not, raise InputError with them and the closest one."""
+    """Check that a value is one of the known words; if not, raise InputError, which lists them and the closest."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")

@@ -102,7 +102,7 @@ def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
 
 
 def _stamp(path: str | Path) -> Stamp | None:
-    """The stamp of a local file; None if it is not a regular file."""
+    """Size, times and inode of a local file (`Stamp`); None if it is not a regular file."""
     try:
         found = Path(path).stat()
     except (OSError, ValueError):

@@ -42,7 +42,7 @@ def stretched(images: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
 
 
 def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
-    """Percentile of the valid pixels of each band of (band, row, column); 0 for a band without valid pixels."""
+    """A percentile of each band of an image (band, row, column), over its valid pixels; 0 if a band has none."""
     found = [band[np.isfinite(band)] for band in image]
     return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
 

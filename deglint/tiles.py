@@ -90,7 +90,7 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 
 def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
-    """Rows and columns of the tiles for work that needs a halo [pixel] and many copies.
+    """Rows and columns of the tiles for work that needs a halo [pixel], and many copies of a tile in memory.
 
     `shape` is the usual shape of tiles, `block` the shape of the file's blocks. With its halo, a tile has at most about
     `MOST_WITH_HALO` values; within this limit it is wide, so that little is read twice for the halo.
@@ -101,7 +101,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """A multiple of `CELL` near `side` and, if it does not get too large, of the side of the block [pixel]."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if this is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step

@@ -8,7 +8,7 @@ log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """A progress function that logs at most once in `LOG_EVERY` seconds, first this long after a stage began."""
+    """A progress function that logs at most every `LOG_EVERY` seconds; the first line of a stage waits as long."""
 
     def __init__(self) -> None:
         self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0

@@ -16,7 +16,7 @@ SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class AutoOr(click.Choice[str]):
-    """Type of option values: "auto" (or other `words`), or a key of `table` in a module, imported when needed."""
+    """Type of option values: one of `words`, or a key of the dictionary `table` in a module that is imported late."""
 
     def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True
@@ -28,14 +28,14 @@ class AutoOr(click.Choice[str]):
 
 
 class FileName(click.Path):
-    """Type of option values that a shell completes to file names, to `words` such as "auto", or to sensor presets."""
+    """Type of file-name options; a shell completes them to `words` such as "auto", to sensor presets, or to files."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
         self._words, self._presets = words, presets
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """The words of the option that start with the typed text, then file names."""
+        """Words and sensor presets that start with the typed text, then file names."""
         from ..sensors import names as presets
 
         words = (*self._words, *(presets() if self._presets else ()))

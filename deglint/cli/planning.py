@@ -47,7 +47,10 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Tables of a mission with its time set: the highest sun of a sweep; for a page without time, the next daylight."""
+    """Set the time in the tables of a mission: for a sweep the highest sun, for a page without time the next daylight.
+
+    The tables are returned without change in all other cases, and if they have no place.
+    """
     place = dict(tables.get("place", {}))
     if "latitude" not in place or "longitude" not in place:
         return tables

@@ -40,7 +40,7 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str, reme
 
 
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
-    """Declare a number field of a `Checked` dataclass with its range [low, high]; NaN is not in it, None is allowed.
+    """Declare a number field of a `Checked` dataclass with its range [low, high]; None is accepted, NaN is not.
 
     `default` is MISSING for a required field; `more` is further metadata of the field.
     """
@@ -75,7 +75,7 @@ def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
 def view_angle(view_zenith: npt.ArrayLike) -> Array:
     """Check zenith angles of the sensor [degree], return them as float64.
 
-    Raises InputError: outside 0 to `VIEW_LIMIT`, where the formulas of the surface hold.
+    Raises InputError: outside 0 to `VIEW_LIMIT`; beyond it the formulas of the surface do not hold.
     """
     remedy = "Nearer to the horizon waves hide each other; look more steeply."
     return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)

@@ -191,7 +191,7 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
-    """Climatological ozone column [DU] (Van Heuklon 1979) for a place [degree], north and east positive, on a day.
+    """Climatological ozone column [DU] (Van Heuklon 1979) at a place [degree] (north, east positive), day of year.
 
     Examples
     --------

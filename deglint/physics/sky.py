@@ -128,10 +128,10 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Nodes and weights of the integral over slopes, for each slope across the view: (along, across, weight).
+    """Yield, for each node of the slope across the view: nodes of the slope along the view, this slope, and weights.
 
-    Slopes along the view are limited to facets that reflect a ray from above the horizon: there the integrand is
-    smooth. `zenith` is that of the sensor [degree]; variances are of the slopes along and across the view.
+    The nodes along the view are limited to facets that reflect the sky, not the sea, because the integrand is smooth
+    there. `zenith` is the zenith angle of the sensor [degree]; variances are of the slopes along and across the view.
     """
     x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -163,7 +163,7 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Cosine of the angle between a direction and the sun, whose azimuths differ by `turn` [radian]."""
+    """Cosine of the angle from the sun, from the cosines of both zenith angles and the azimuth difference [radian]."""
     return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
 
 
@@ -178,7 +178,7 @@ def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
 
 
 def _clear_total(sun_zenith: Array) -> Array:
-    """Integral of `_glow` times the cosine over the sky, by a polynomial of the sun zenith angle [degree]."""
+    """Integral over the sky of `_glow` times cos(zenith angle), as a polynomial of the sun zenith angle [degree]."""
     return np.asarray(chebyshev.chebval(sun_zenith / 45.0 - 1.0, _clear_fit()), dtype=np.float64)
 
 

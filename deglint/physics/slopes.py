@@ -229,7 +229,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
 
 
 def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:
-    """Gram-Charlier series (the bracket in `density`) at upwind slopes x and crosswind slopes y, over their sigma."""
+    """Gram-Charlier series (the bracket in `density`); x, y: upwind and crosswind slope, each divided by its sigma."""
     x2, y2 = x * x, y * y
     skew = c21 * (y2 - 1.0) * x / 2.0 + c03 * (x2 - 3.0) * x / 6.0
     peak = c40 * (y2 * y2 - 6.0 * y2 + 3.0) / 24.0 + c22 * (x2 - 1.0) * (y2 - 1.0) / 4.0
@@ -238,7 +238,7 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Winds [m/s], and the absolute integral of the negative part of the Gram-Charlier density at each, (n,) both.
+    """Winds (n,) [m/s]; for each, integral of the Gram-Charlier density where it is negative, without sign (n,) [1].
 
     Linear interpolation between the winds is accurate to 5e-6.
     """

@@ -68,7 +68,7 @@ class Surface:
 def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
     """Call work(first row, last row + 1) on `workers` threads, for slabs that together cover all rows.
 
-    The result of `work` must not depend on how the rows are divided: this depends on `workers`.
+    How the rows are divided depends on `workers`, so the result of `work` must not depend on the division.
     """
     if workers < 2:
         work(0, rows)

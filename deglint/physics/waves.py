@@ -41,7 +41,7 @@ class Sea(Checked):
     spreading : str, optional
         Directional spreading; by default "elfouhaily" for the spectrum of that name, else "half-angle" (cos-2s).
     exponent, opposing : float
-        Exponent s of the cos-2s spreading; share of their energy that Elfouhaily's waves carry upwind [1], 0 to 0.5.
+        Exponent s of the cos-2s spreading; with Elfouhaily's, share of the energy that travels upwind [1], 0 to 0.5.
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")

@@ -119,7 +119,7 @@ def compass(azimuth: float) -> str:
 
 @lru_cache(maxsize=4)
 def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Indices of the zenith angle and of the azimuth of points at `MARGIN` around every viewing geometry.
+    """Points at the distance `MARGIN` around every viewing geometry: their indices of zenith angle and of azimuth.
 
     Both arrays are (point, zenith, azimuth). `shape` is (zenith, azimuth) of the reticle, `widest` its largest zenith
     angle [degree]. Points outside the reticle are moved to its edge.

@@ -45,7 +45,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Indices of the times that get a small reticle: at most twelve with the sun up, evenly spread, with the best."""
+    """Indices of at most twelve times with the sun up, evenly spread, for small reticles; the best is one of them."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
@@ -109,9 +109,9 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Draw the share of the view in glint for every heading, and the glint across the track for two headings.
+    """Draw the share of the view in glint for every heading, and the glint across the track for the best and the worst.
 
-    These are the best and the worst heading. `words`: lines of text above the chart, `line.words()` by default.
+    `words` are lines of text above the chart, by default `line.words()`.
     """
     first, *rest = words or [line.words()]
     down = 25.0 * sum(len(draw.wrapped(text, 17, WIDTH - 80)) for text in rest)

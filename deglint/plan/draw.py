@@ -182,7 +182,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks of a disc: oversampled pixels (row, column), and pixels (row, column, 1)."""
+    """Masks, True inside a disc: of oversampled pixels (row, column), and of picture pixels (row, column, 1)."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )

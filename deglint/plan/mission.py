@@ -38,11 +38,11 @@ class Limits(Checked):
     glint_probability : float, optional
         Largest share of the sea that may reflect the sun [1]; by default there is no such limit.
     tolerance : float, optional
-        Angle from the centre of the sun within which a reflection counts as sun in the glint probability [degree]; by
+        The glint probability counts facets that reflect the sky within this angle of the centre of the sun [degree]; by
         default the radius of the solar disk.
     sky_ratio, sky_probability : float
-        A band is excluded where a share of the sea above `sky_probability` [1] reflects skylight that is brighter than
-        `sky_ratio` [1] times the radiance of deep water.
+        A band is excluded where more than the share `sky_probability` [1] of the sea reflects skylight that is brighter
+        than `sky_ratio` [1] times the radiance of deep water.
     snr, ner : float
         Contrast over noise above which the object is detectable in a band [1], and the noise-equivalent radiance
         [W m-2 sr-1 nm-1], by default computed from the sensor.

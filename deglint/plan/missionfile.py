@@ -134,7 +134,7 @@ def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str,
 
 
 def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]:
-    """Sensor of the table [sensor], a preset with changed values and bands; and the names of the selected bands."""
+    """Make the sensor of the table [sensor] from a preset; return it and the names of the bands to use (empty: all)."""
     own, bands = dict(values), values.get("bands", ())
     for key in ("bands", "band"):
         if not isinstance(own.pop(key, []), (list, tuple, str)):

@@ -58,7 +58,7 @@ class Reticle:
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
     glint_probability : ndarray
-        Share of the sea that reflects the solar disk, or the tolerance around its centre [1].
+        Share of the sea that reflects the solar disk, or a disk of the radius `Limits.tolerance` if given [1].
     glint_strength : ndarray
         Glint radiance per irradiance of a plane facing the sun [1/sr].
     sky_strength : ndarray
@@ -149,7 +149,7 @@ class Reticle:
         return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons per pixel from each component of the radiance, (band, zenith, azimuth) (Fink 2014, eq. 2.23)."""
+        """Electrons per pixel, (band, zenith, azimuth), by name of the component of radiance (Fink 2014, eq. 2.23)."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -183,7 +183,7 @@ def reticle(mission: Mission) -> Reticle:
 
 
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
-    """Fraction of the deep-water reflectance left over the object [1], and reflectance due to the object [1/sr].
+    """Return a [1] and b [1/sr], with which the reflectance over the object is a times that of deep water plus b.
 
     Both are (wavelength, zenith); `direct_fraction` is direct over total irradiance, (wavelength,) [1].
     """

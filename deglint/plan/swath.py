@@ -66,12 +66,12 @@ class Line:
 
     @property
     def best(self) -> int:
-        """Index of the heading with the smallest share of the view in glint; of equals, with the least mean glint."""
+        """Index of the heading with the smallest share of the view in glint; among equal ones, the least mean glint."""
         return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
 
     @property
     def worst(self) -> int:
-        """Index of the heading with the largest share of the view in glint; of equals, with the most mean glint."""
+        """Index of the heading with the largest share of the view in glint; among equal ones, the most mean glint."""
         return int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
 
     @property
@@ -86,7 +86,7 @@ class Line:
 
     @property
     def is_recommended(self) -> bool:
-        """Whether the best heading is usable (at most `SPOILT` in glint), and other headings are worse."""
+        """Whether the best heading is usable (at most `SPOILT` in glint), but not every heading will do."""
         return not self.is_any and bool(self.fraction[self.best] <= SPOILT)
 
     def words(self) -> str:
@@ -149,7 +149,8 @@ class Alternative:
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
     """At most one other time and one other tilt of the sensor with less glint than the flight lines of a mission.
 
-    Each is the nearest that is good; if none is good, the best, if it is much better. Empty if a heading is good.
+    Each is the nearest with at most `FREE` of the view in glint. If there is none, it is the one with the smallest
+    share in glint, if this is below `GAIN` times the share on the best heading. Empty if a heading of `line` is good.
     """
     if line.is_good:
         return ()
@@ -158,11 +159,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
-    """The first alternative with at most `FREE` of the view in glint; `tried` yields the nearest first.
-
-    If there is none: the alternative with the smallest share in glint, if this share is below `GAIN` times the share
-    of the best heading of the plan; else None.
-    """
+    """Select one of the alternatives as in `alternatives`, or None; `tried` yields the nearest first."""
     found = []
     for one in tried:
         if one.fraction <= FREE:

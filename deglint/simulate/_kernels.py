@@ -9,13 +9,14 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
-    """Fill `out`: density of slopes at the slope that glints [1] and reflected sky [1/sr], both (row, column) by facet.
+    """Fill the two arrays (row, column) of `out`: density of slopes at the slope that glints [1], reflected sky [1/sr].
 
-    slopes: slope of each facet, (row, column) complex, east + i north. sparkle: amplitudes of slope (row, column, 4),
-    index of the frequency (row, column), angular frequencies [rad/s], time [s]; the first two are empty without
-    sparkle. rows: first row, last row + 1. wind: sine and cosine of the azimuth that the wind blows from, factors on
-    the upwind and crosswind slopes. glint: upwind and crosswind slope that glints, variances of upwind and crosswind
-    slope within a facet. table: reflected sky (upwind slope, crosswind slope) [1/sr], its first slope, its step.
+    slopes: slope of each facet, (row, column) complex, east + i north. rows: first row, last row + 1.
+    sparkle: amplitudes of slope (row, column, 4), index into the frequencies (row, column), angular frequencies
+    [rad/s], time [s]; the amplitudes and indices are empty if there is no sparkle.
+    wind: sine and cosine of the azimuth that the wind blows from; factors on the upwind and the crosswind slopes.
+    glint: upwind and crosswind slope that glints; variances of the upwind and the crosswind slope within a facet.
+    table: reflected sky (upwind slope, crosswind slope) [1/sr]; first slope, and step of slope, along both axes.
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

@@ -47,7 +47,7 @@ def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
     """Interpolate a band from the sensor's grid, which lies `GRID_SHIFT` pixels down and right, to the map's grid.
 
-    `numbers` are digital numbers (row, column), `levels` is the largest that the sensor has.
+    `numbers` are digital numbers (row, column), `levels` is the largest digital number of the sensor.
     """
     import cv2
 

@@ -49,10 +49,10 @@ class Bottom(Checked):
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Depth [m] (row, column) float32, and mask (row, column) of the second material, on a grid with a step [m].
+    """Depth [m], float32, and mask of the second material, both (row, column), on a grid with the step `spacing` [m].
 
-    The image covers the first `width` [m] of a row. Beyond the middle between its right edge and the end of the grid,
-    the mean depth is the depth of the left edge, because the grid is periodic.
+    The image covers the first `width` [m] of each row. In the second half of the rest of the row, the mean depth is
+    the depth at the left edge, because the grid is periodic.
     """
     rough, patchy, bent = seed.spawn(3)
     right = (np.arange(shape[1]) + 0.5) * spacing

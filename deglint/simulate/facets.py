@@ -103,9 +103,10 @@ def sparkle_share(patch: float, facet: float) -> float:
 def _draw_sparkle(
     setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int
 ) -> tuple[Any, Any, Any]:
-    """Draw the sparkle: for each facet amplitudes of slope and an index into frequencies, and frequencies [rad/s].
+    """Draw the sparkle: amplitudes of slope and an index into the frequencies for each facet, and frequencies [rad/s].
 
-    The amplitudes (row, column, 4) are cosine and sine of the upwind slope, then of the crosswind slope.
+    `variance` is the slope variance of the sparkle (upwind, crosswind). The amplitudes (row, column, 4) belong to the
+    cosine and the sine of the upwind slope, then of the crosswind slope; they are empty if there is no sparkle.
     """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
@@ -120,7 +121,7 @@ def _draw_sparkle(
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies (4096,) [rad/s] with equal shares of the slope variance that facets [m] do not resolve."""
+    """Angular frequencies (4096,) [rad/s] of waves shorter than two facets [m], with equal shares of slope variance."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
@@ -129,7 +130,7 @@ def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
     """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
 
-    It includes the ratio of the slope model to the Gaussian at the slope that glints; 0 where the Gaussian is 0.
+    It includes the ratio of slope model to Gaussian at `glinting`, the slope that glints; 0 if the Gaussian is 0.
     """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)

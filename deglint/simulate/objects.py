@@ -75,7 +75,7 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of the squares of each row [pixel], repeated down the scene; by default those of 2, 4, 8 and 16 that fit.
+        Side of the squares in each row [pixel], repeated for further rows; by default those of 2, 4, 8 and 16 that fit.
     depth : float
         Depth of all squares [m].
 
@@ -100,7 +100,7 @@ def thesis_array(
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> Labels:
     """Number of the object at each point of a grid, (row, column) uint16: 1 for the first object, 0 for no object.
 
-    Later objects hide earlier ones. The step of the grid is `spacing` [m]; its first point lies half a step inside.
+    Later objects hide earlier ones. Points are `spacing` [m] apart; the first lies half as far from both edges.
     """
     from skimage.draw import polygon
 

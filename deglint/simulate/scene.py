@@ -41,14 +41,14 @@ class SimulatedScene:
     truth_water : float32 ndarray
         `truth` without the reflected sky.
     truth_image : uint16 ndarray
-        `truth` as digital numbers, with the seeds of noise and the artefacts of `image`.
+        `truth` as digital numbers, with the same noise seeds and artefacts as `image`.
     glint : float32 ndarray
         Radiance of the sun glint alone, blurred by the same optics.
     glint_mask : bool ndarray
         True where `glint` exceeds `setup.glint_threshold` times `truth`.
     objects : (row, column) uint16 ndarray
-        Number of the submerged object, from 1 in the order of the setup; 0 where there is none, or where the bottom
-        hides it, or land, foam or a floating target in any band.
+        Number of the submerged object, from 1 in the order of the setup. It is 0 where there is no object, where the
+        object lies below the bottom, and where land, foam or a floating target covers it in any band.
     height, slopes : (row, column) and (2, row, column) float32 ndarray, or None
         Height [m], and slopes towards east and north [1], of the resolved waves at the time of the first band, as means
         over each pixel.
@@ -162,7 +162,7 @@ def simulate_together(
 
 
 class _World:
-    """Bottom, objects and cover of the sea of a setup, for each facet, and the light in each band (`lit`)."""
+    """What lies in and on the sea of a setup (bottom, objects, cover), and the light in each band (`lit`)."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -185,7 +185,7 @@ class _World:
         return not self.setup.objects and self.depth is None and self.cover is None
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Water-leaving radiance of facets in a band, or of their `cover` (labels), (row, column) float32."""
+        """Radiance of facets in a band, (row, column): of the cover where `cover` (label) is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -213,7 +213,7 @@ class _Shot:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image of a spectrum in band i, on a grid of pixels that is displaced by `off` [pixel] down and right."""
+        """Image of a scene in band i, from its spectrum; the pixels are displaced by `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -247,7 +247,7 @@ class _Shot:
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
-        """Make the scene when all bands are filled in; `surface` is its (height, slopes), `variance` of its slopes."""
+        """Make the scene when all bands are filled in; `surface`: height, slopes; `variance`: of the slopes."""
         setup, (truth, glint) = self.setup, self.own
         image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
         ids, cover = world.on_pixels(world.labels), None
@@ -292,7 +292,7 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), of the sea at the first time.
+    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), of the sea at time 0.
 
     Both are means over each pixel.
     """

@@ -59,7 +59,7 @@ class Setup(Checked):
         Model of the sky radiance. Only the clear sky, "harrison-coombes", has a glow around the sun; its reflection in
         the sea looks like sun glint.
     air : Air, optional
-        State of the atmosphere; by default as in Fink (2014), with humidity 80 %, visibility 40 km, and `wind`.
+        State of the atmosphere; by default humidity 80 %, visibility 40 km, water vapour 2.5 cm, both winds as `wind`.
     chlorophyll : float
         Chlorophyll of the case-1 water [mg m-3].
     objects, bottom : tuple of SubmergedObject, Bottom, optional
@@ -71,7 +71,7 @@ class Setup(Checked):
     targets : tuple of FloatingTarget
         Boats, swimmers and buoys; in bands with a delay a moving target is at different places.
     supersample : int
-        Facets, the cells on which the sea is computed, per pixel along each axis.
+        Number of facets (the cells on which the sea is computed) per pixel, along each axis.
     patch : float
         Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
         gives none. Surfaces resolved to 1 mm correspond to 0.005; with 0.06 single facets flash.
