@@ -84,8 +84,8 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output.
 
-        The side is that of the input's blocks if these are tiles, and divide `tile`. Else it is the largest standard
-        side that divides `tile`, or the smallest that holds the image, if `tile` spans it.
+        A side is that of the input's tiles if it has 64 to 1024 pixels and divides `tile`, or `tile` spans the image.
+        Else it is a standard side: if `tile` spans the image, the smallest that does; else the largest that divides it.
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
@@ -359,7 +359,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Raise WriteError if the disk lacks space for the uncompressed pixels of a file that is not compressed at once."""
+    """Raise WriteError if the disk lacks space for the pixels; compressed files without overviews are not checked."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return

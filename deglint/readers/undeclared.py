@@ -105,7 +105,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """Find nodata: the value that is equal in all bands over areas, for the bands that have it hardly anywhere else."""
+    """Find nodata: a value equal in all bands over whole areas; it is nodata of a band only if rare elsewhere in it."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:

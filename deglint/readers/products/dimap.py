@@ -79,9 +79,9 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
 def _angles(root: ET.Element) -> dict[str, Any]:
     """Tags with the directions of sun and satellite [degree], seen from the ground at the centre of the image.
 
-    AZIMUTH_ANGLE belongs to the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
-    is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
-    Toolbox (CNES) computes it.
+    AZIMUTH_ANGLE is the orientation of the image, not the azimuth of the satellite; VIEWING_ANGLE is measured at the
+    satellite. The azimuth of the satellite is AZIMUTH_ANGLE - atan2(tan(across), tan(along)), with the incidence angles
+    `across` and `along` the track, as in the Orfeo Toolbox (CNES).
     """
     places = list(root.iter("Located_Geometric_Values"))
     place = next((p for p in places if said(p, "LOCATION_TYPE").casefold() == "center"), places[0] if places else root)
