@@ -134,7 +134,7 @@ def choose(
     Parameters
     ----------
     sample : Sample
-        Sample tiles, and masks of the pixels to use; see also `without_ships`.
+        Sample tiles, and masks of the pixels to use; for coarse pixels as returned by `without_ships`.
     setting : Setting
         Bands, NIR and other properties of the scene.
     correct : sequence of int

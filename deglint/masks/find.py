@@ -296,9 +296,9 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 
 
 def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
-    """The rule whose NIR threshold separates the votes (pixel,) with the fewest errors, moved into the gap beside it.
+    """The rule for squares of side `window` [pixel]; None if there is no water.
 
-    It is None if there is no water.
+    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land.
     """
     nir = view.nir(window)
     order = np.argsort(nir, kind="stable")

@@ -42,7 +42,7 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 
 def levels(height: int, width: int) -> list[int]:
-    """Reduction factors of the overviews of an image of a size [pixel], such as [2, 4]; empty for a small one."""
+    """Reduction factors of an image's overviews, such as [2, 4], from its size [pixel]; empty for a small image."""
     side = max(height, width)
     count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
     return [2 << k for k in range(count)]
@@ -64,7 +64,7 @@ class Layout:
     names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
     tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
-    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: meaning of each bit (1, 2, 4, ...)
+    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit (1, 2, 4, ...), for flags
 
     @property
     def overviews(self) -> bool:

@@ -171,7 +171,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for each band (None: no match), and how they were matched; BandError if it does not fit."""
+    """The preset's band for each band (or None), and how they were matched; BandError if the preset does not fit."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"

@@ -204,7 +204,7 @@ def _stem(info: RasterInfo) -> str:
 
 @dataclass(frozen=True)
 class Stated:
-    """Properties of bands that the user gives; they override the file. Tuples have one entry per band, or none."""
+    """Properties of bands that the user gives; they override the file. Tuples are empty or have one entry per band."""
 
     names: tuple[str, ...] = ()
     wavelengths: tuple[float, ...] = ()  # centres [nm]

@@ -41,7 +41,7 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of the file's description with the properties of the Item, if their numbers of bands are equal.
+        """A copy of the file's description with the Item's properties; `info` itself if the numbers of bands differ.
 
         Scale, offset and nodata in the file take precedence.
         """
@@ -115,7 +115,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands: those with the `keys` if given; `path` is the name of the Item."""
+    """The assets of an Item that are its bands: those with the `keys`, else as declared; `path` is its name."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(

@@ -154,7 +154,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the file has more than two integer bands, all of Sentinel-2, and declares no offset."""
+    """Whether the file has more than two integer bands, all named as in Sentinel-2, and no declared offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     named = all(sensors.normalise(name) in known for name in scene.names)
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)

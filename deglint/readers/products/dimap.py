@@ -1,4 +1,4 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles GDAL's DIMAP driver mosaics.
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2). GDAL's DIMAP driver joins its tiles.
 
 The driver does not report gains or the order of bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
 holds for reflectance products.
