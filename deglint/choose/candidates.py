@@ -39,7 +39,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 def windows(width: float, clump: int) -> list[int]:
     """Windows of morphological openings to try, odd [pixel].
 
-    They are the largest that preserves the smallest object, and a smaller window if clumps of glint are small.
+    The first is the largest that preserves the smallest object; if clumps of glint are small, a smaller one is added.
 
     Examples
     --------

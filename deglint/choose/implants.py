@@ -101,7 +101,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
 
 def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Float32:
-    """Bright and dark discs of a width [pixel] in turn, about six widths apart, at least 16 pixels."""
+    """Discs of a width [pixel], alternately bright and dark; about six widths, and at least 16 pixels, apart."""
     import cv2
 
     out, pitch = np.zeros(shape, np.float32), max(round(6 * width), 16)

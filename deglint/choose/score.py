@@ -11,11 +11,12 @@ without glint and noise, is then
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
-twice: over all pixels, and over the pixels with the least glint. The first includes the glint that all recipes leave;
-the second excludes shallow bottoms, which look like glint in the NIR. S is the geometric mean of both minima (the first
-if it is less), and at least the texture that glint cannot explain because the NIR shows less of it (`least_signal`). A
-recipe that erases signals has a small P but also a small g, so erasing is not rewarded. As the tiles are few, the loss
-of weak signals is added, and the loss of objects of a typical contrast that cover a hundredth of the scene.
+twice: over all pixels, and over the pixels with the least glint. The first is too large if all recipes leave glint. The
+second is too small if it leaves out shallow bottoms, which look like glint in the NIR. S is the geometric mean of both
+minima, or the first if that is smaller. S is at least the texture that glint cannot explain because the NIR shows less
+of it (`least_signal`). A recipe that erases signals has a small P but also a small g, so erasing is not rewarded. The
+few tiles may lack some signals. Therefore two losses are added to E: that of a weak signal at each scale, and that of
+objects of a typical contrast that cover a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. If the median after a removal exceeds the lowest median after an opening, the excess
@@ -47,11 +48,12 @@ thousand pixels in eight tiles) that the power of their texture is known to a fe
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
     """Mean square of the texture at each scale, (scale,), over all pixels and bands.
 
-    The texture is the difference of local means over successive `SCALES`; the last is the rest, about its tile's mean.
+    Texture is the difference of local means over two successive `SCALES`; at the last scale, it is the local mean minus
+    the mean of its tile.
 
     images, inside : (band, row, column) and (row, column) of each tile; True where pixels are used
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
-    clear : (band, scale, row, column) of each image, the pixels to use, from `least_glint`; by default all inside
+    clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default all inside
     """
     import cv2
 
@@ -81,7 +83,7 @@ def least_signal(
     inside, unit : as for `powers`; the limit is the mean over the bands, each relative to the square of its unit
     noises : (band,) standard deviation of the noise [unit of the band]
     nir : 0-based NIR band
-    spectrum : (band,) of glint, relative to the NIR band
+    spectrum : (band,) glint in each band, divided by the glint in the NIR band
     """
 
     def of_band(band: int) -> Float64:
@@ -116,7 +118,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share of a mask in the square around each pixel, (row, column), for each of `SCALES` but the first; positive."""
+    """Share, above 0, of True pixels in the square around each pixel, (row, column), for `SCALES` but the first."""
     import cv2
 
     known = mask.astype(np.float32)
@@ -126,9 +128,10 @@ def _shares(mask: Mask) -> list[Float32]:
 def level_excess(
     results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool]
 ) -> Float64:
-    """Excess, (recipe,), of the medians of a result over the lowest medians after an opening, less `SIGNAL`.
+    """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
 
-    It is the root mean square over the bands, each relative to its unit; 0 for less than `SIGNAL`.
+    The medians of each band are compared, in its unit. Of their excess, the root mean square over the bands is taken,
+    and `SIGNAL` is subtracted.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as for `powers`

@@ -75,7 +75,7 @@ class Choice:
 
     @property
     def why_copied(self) -> str:
-        """Reason why the scene is copied, where that is the best candidate."""
+        """Reason why the scene is copied; only for a choice whose best candidate is the copy."""
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
             why = (self.failed or {}).get("wiener", "no candidate could be tried")
@@ -134,17 +134,17 @@ def choose(
     Parameters
     ----------
     sample : Sample
-        Sample tiles, and masks of the pixels to use; see also `without_ships`.
+        Sample tiles, and masks of the pixels to use; for coarse pixels as returned by `without_ships`.
     setting : Setting
         Bands, NIR and other properties of the scene.
     correct : sequence of int
-        0-based bands that are to be corrected, by which candidates are judged.
+        0-based bands to correct; candidates are judged by these bands only.
     removal : callable
         Returns, for the name of a method, the function that fits it to a sample.
     width : float
         Width of the smallest object to keep [pixel].
     fine : bool
-        Pixels resolve sparkle: removed light that varies evenly about its median is then mirrored sky, not sun glint.
+        Pixels resolve sparkle. Then a removal of mirrored sky, which varies evenly about its median, is refused.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
@@ -298,7 +298,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks, from `least_glint`, of the pixels where the method `wiener` removes least; empty if it failed."""
+    """Masks from `least_glint`, with what the candidate `wiener` removes as glint; an empty list if it failed."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -307,7 +307,7 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Raise FitError if a removal takes mirrored sky: what it takes varies little, and evenly about its median.
+    """Raise FitError if a removal takes mirrored sky: the removed light varies little, and evenly about its median.
 
     unit : (band,) brightness of the water; infinite for bands that are not judged
     """

@@ -2,7 +2,7 @@
 
 Each mask is made in two steps: `fit_water` and `fit_sample` determine a rule (a few numbers) from some blocks of the
 scene; `water` and `deep_water` apply the rule to any block. A tile that is read with `rule.halo` more pixels on every
-side, and then cropped, has exactly the mask of the whole scene. Pixels outside the image are ignored, not extrapolated.
+side, and then cropped, has exactly the mask of the whole scene. Nothing is extrapolated beyond the edge of the image.
 
 Thresholds come from the scene, because its unit is not known (digital numbers, radiance, reflectance). This package
 reads no files, keeps no state, and never changes a pixel.

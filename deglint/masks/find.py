@@ -85,16 +85,18 @@ def fit_water(
     look like water, and some water does not. Therefore each pixel votes by its sign. The threshold of the NIR separates
     the votes with the fewest errors, and is then moved into the gap between water and land.
 
-    In fine pixels glint is sparkle, as bright as land. Pixels are then not water only if a whole square is bright. Its
-    side is the smallest that leaves no isolated pixels of the colour of glint, up to the width of patches of glint.
-    Boats, rocks and floating plants are narrower. They are found with squares of half that width at most, by NIR that
-    is much brighter than glint of that size, or brighter than the visible.
+    In fine pixels glint is sparkle, as bright as land, but in small patches. Therefore a bright pixel is land only if a
+    whole square that contains it is bright. The side of the square is the smallest with which no isolated bright pixels
+    (almost none if `pixel` is None) are left on the sea, and at most the width of a patch of glint. Boats, rocks and
+    floating plants are narrower. They are found with smaller squares, in which the NIR is much brighter than glint in
+    squares of this size, or brighter than the visible.
 
     looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
     pixel : side of a pixel on the ground [m]; None if not known
     whole : the blocks cover the whole scene; else there may be land outside them
-    reflectance : the bands are reflectances; else this is determined, if pixels are coarse, from the brightest pixels
+    reflectance : the bands are reflectances; else the brightest pixels show whether they are. Bands with pixels below
+        `COARSE_PIXEL`, or of unknown size, are always treated as reflectances.
 
     Returns a rule; its `has_water` is False if no water was found.
 
@@ -116,7 +118,7 @@ def fit_water(
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule for blue or for brown water, None if there is no water; `light`: red and NIR of white, over green."""
+    """The rule for blue or `brown` water, None if there is none; `light`: red / green and NIR / green of white."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
@@ -181,9 +183,9 @@ class _View:
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
 
-        Water has less NIR than visible. A pixel with red above green may be soil, a town (if the colour of white is
-        wrong) or brown water: it votes 0 unless `brown`. Means over squares of side `window` are compared, because
-        bands that are not simultaneous show sparkle at different places.
+        Water has less NIR than visible, in units of white (`light`: its red and NIR over green). A pixel with red above
+        green may be soil, a town (if `light` is wrong) or brown water: it votes 0 unless `brown`. Means over squares of
+        side `window` are compared, because bands that are not simultaneous show sparkle at different places.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -202,7 +204,7 @@ class _View:
 
     @cached_property
     def white(self) -> tuple[float, float]:
-        """Red and NIR of white, over green: `SUN` if the bands seem to be radiances, else `PLAIN_WHITE`.
+        """Red / green and NIR / green of white: `SUN` if the bands seem to be radiances, else `PLAIN_WHITE`.
 
         The brightest pixels usually are white: roofs, sand, clouds, or glint. The bands are radiances if these pixels
         are bright enough and have the colour of sunlight.
@@ -222,7 +224,7 @@ class _View:
         return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[Mask]:
-        """Mask of each block, (row, column): pixels in a square of side `window` with all NIR above a threshold."""
+        """Mask of each block, (row, column): squares of side `window` where all pixels have NIR above `threshold`."""
         nir = self.roles.nir
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
@@ -249,7 +251,7 @@ class _View:
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
         """Share of the sea that is bright (NIR above `threshold`) in squares of side `window`, far from land.
 
-        Land is bright in squares of side `widest`. With votes, only pixels that vote for water are counted.
+        Land is bright in squares of side `widest`; all else is sea. With votes, only votes for water are counted.
         """
         solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
         apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
@@ -258,9 +260,9 @@ class _View:
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether the pixels that are not `solid` mostly vote for water, and lie in squares of up to 5 x 5 such pixels.
+        """Whether most pixels that are not `solid` vote for water, and enough of these fill squares of 5 x 5 pixels.
 
-        compact : least share of the pixels in such squares; if not 0, some solid pixels must vote against water
+        compact : share of the pixels that must lie in such squares; if not 0, some solid pixels must vote against water
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -294,9 +296,9 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 
 
 def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
-    """The rule whose NIR threshold separates the votes (pixel,) with the fewest errors, moved into the gap beside it.
+    """The rule for squares of side `window` [pixel]; None if there is no water.
 
-    It is None if there is no water.
+    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land.
     """
     nir = view.nir(window)
     order = np.argsort(nir, kind="stable")
@@ -349,7 +351,7 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the highest gap (emptiest bins) in sorted values (pixel,): dry sand above it does not vote."""
+    """Upper end of the highest gap (emptiest bins) in sorted values (pixel,), which may hold dry sand above the gap."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

@@ -107,11 +107,11 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
     A pixel is in the sample if the square of 15 x 15 pixels around it is (1) away from everything that is not water;
-    (2) dark: if Otsu's criterion finds two kinds of water, it is of the darker kind (this is repeated), and in the
-    darker half of this kind after subtraction of glint; (3) even: the variance of the visible that the NIR does not
-    explain is not unusually large; (4) in the quarter of the remaining squares with the strongest glint (largest NIR
-    variance), or in a larger share if that is too little. Strong glint is preferred because noise in the NIR multiplies
-    a slope by
+    (2) dark: as long as Otsu's criterion finds two kinds of water, the brighter kind is excluded; glint is subtracted,
+    this is repeated, and the brighter half of the rest is excluded; (3) even: the variance of the visible that the NIR
+    does not explain is not unusually large; (4) among the quarter of the remaining squares with the strongest glint
+    (largest NIR variance), or a larger share if those are too few. Strong glint is preferred because noise in the NIR
+    multiplies a slope by
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -221,7 +221,7 @@ def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    """The rule with the largest possible distance from other surfaces, and the statistics of the pixels it leaves."""
+    """The rule with the first of `DISTANCES` that leaves enough pixels, and the statistics (pixel,) of these pixels."""
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
@@ -235,7 +235,7 @@ def _choose_distance(
 
 
 def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRule:
-    """The rule with limits from candidate pixels (pixel,), for the `share` of dark, even ones with strongest glint."""
+    """The rule with limits that, of the dark, even pixels of `local`, accept the `share` with the strongest glint."""
     local = local.pick(slice(None, None, 1 + local.level.size // MANY))
     local = local.pick(_darker_kind(local.level))
     total = float(local.variance.sum())
@@ -276,7 +276,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Threshold with the largest variance between the two classes, and share of this in the total variance, 0..1."""
+    """Threshold with the largest variance between the two classes, and its ratio to the total variance, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0

@@ -63,7 +63,7 @@ def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
 def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
     """Mask (band, row, column) of the values that are not nodata; None if no value is nodata.
 
-    `nodatas` has one entry per band. NaN, and a number that the type cannot hold, are ignored here.
+    `nodatas` has one entry per band. Entries that are NaN, or that the type cannot hold, are ignored here.
     """
     valid = None
     for band, nodata in enumerate(nodatas):

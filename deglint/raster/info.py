@@ -137,7 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """What a local file is that GDAL cannot read, and a remedy: a text to follow the word "it".
+    """End of a sentence after the word "it": what kind of file GDAL could not read, and a remedy.
 
     The format is recognised from the content, as file endings are often wrong.
     """
@@ -181,9 +181,9 @@ def one_line(error: BaseException) -> str:
 def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
     """Properties of an open dataset; no pixel is read.
 
-    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band becomes
-    a band of the scene if it has a name (without "alpha" in it), or with `alpha_is_band`. Raises ReadError if the
-    header is damaged, InputError if there is no usable band or if the transform cannot be inverted.
+    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. It becomes a band of
+    the scene with `alpha_is_band`, or if it has a name that does not contain "alpha"; else it is a mask. ReadError if
+    the header is damaged, InputError if there is no usable band or if the transform cannot be inverted.
     """
     try:
         info = _described(dataset, path, alpha_is_band)

@@ -42,7 +42,7 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 
 def levels(height: int, width: int) -> list[int]:
-    """Reduction factors of the overviews of an image of a size [pixel], such as [2, 4]; empty for a small one."""
+    """Reduction factors of an image's overviews, such as [2, 4], from its size [pixel]; empty for a small image."""
     side = max(height, width)
     count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
     return [2 << k for k in range(count)]
@@ -64,7 +64,7 @@ class Layout:
     names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
     tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
-    flags: Mapping[int, str] = field(default_factory=dict)  # of a raster of flags: meaning of each bit (1, 2, 4, ...)
+    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit (1, 2, 4, ...), for flags
 
     @property
     def overviews(self) -> bool:
@@ -84,8 +84,8 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output.
 
-        The side is that of the input's blocks if these are tiles, and divide `tile`. Else it is the largest standard
-        side that divides `tile`, or the smallest that holds the image, if `tile` spans it.
+        A side is that of the input's tiles if it has 64 to 1024 pixels and divides `tile`, or `tile` spans the image.
+        Else it is a standard side: if `tile` spans the image, the smallest that does; else the largest that divides it.
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
@@ -359,7 +359,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Raise WriteError if the disk lacks space for the uncompressed pixels of a file that is not compressed at once."""
+    """Raise WriteError if the disk lacks space for the pixels; compressed files without overviews are not checked."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return

@@ -49,7 +49,7 @@ def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes],
 
 
 def write_numbers(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
-    """Write the content of several files by their paths: all of them, or none."""
+    """Write several files, all or none; `targets` has the path and the content of each."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             if isinstance(data, Mapping):

@@ -30,9 +30,9 @@ DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit
 class Scratch:
     """Files that are written together, or not at all.
 
-    Use as a context manager: leaving the block normally moves every file into place, leaving it by an error removes
-    them all. The first file added is moved last: if it exists, so do the others. Existing files are replaced only with
-    `overwrite`.
+    Use as a context manager: at the end of the block every scratch file is moved into place; after an error all scratch
+    files are removed. The file added first is moved last: once it is in place, all others are. Existing files are
+    replaced only with `overwrite`.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:

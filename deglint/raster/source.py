@@ -35,7 +35,7 @@ class FileBands:
     masked: bool = False  # the file has a mask, for all bands together or for each band
     alpha: int | None = None  # 1-based alpha band; a pixel where it is 0 is not valid
     flat: FlatField | None = None  # corrects the file values while they are read
-    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # of rasterio's WarpedVRT, to resample the file
+    warp: Mapping[str, Any] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
 
     @classmethod
     def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:

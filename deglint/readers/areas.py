@@ -134,7 +134,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON features of the True parts of a mask whose first pixel lies at `origin` in the scene."""
+    """GeoJSON polygons of the True parts of a mask; `origin` is the row and column of its first pixel in the scene."""
     from rasterio.features import shapes
     from rasterio.transform import Affine
 
@@ -145,7 +145,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of features in the scene's CRS, which it names in the form of GDAL and QGIS."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS; its member `crs` names the CRS, as GDAL writes it."""
     document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:

@@ -110,7 +110,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Sentinel-2 is identified by B02 (with the zero), B8A or B12; or by B8 without B5, as Landsat's B8 is panchromatic.
+    Sentinel-2 is identified by B02 (with the zero), B8A or B12, or by B8 without B5 (Landsat 8: pan and NIR).
     Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
     """
     plain = [sensors.normalise(n) for n in names]
@@ -171,7 +171,7 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for each band (None: no match), and how they were matched; BandError if it does not fit."""
+    """The preset's band for each band (or None), and how they were matched; BandError if the preset does not fit."""
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"

@@ -157,7 +157,7 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 
 
 def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
-    """Whether the number of bands that the user states (`count`), or of the sensor, matches only with alpha."""
+    """Whether the number of bands that the user states (`count`) or that the sensor has includes the alpha band."""
     if sensor is None or count == info.count + 1:
         return count == info.count + 1
     known = sensor_of(sensor)
@@ -204,7 +204,7 @@ def _stem(info: RasterInfo) -> str:
 
 @dataclass(frozen=True)
 class Stated:
-    """Properties of bands that the user gives; they override the file. Tuples have one entry per band, or none."""
+    """Properties of bands that the user gives; they override the file. Tuples are empty or have one entry per band."""
 
     names: tuple[str, ...] = ()
     wavelengths: tuple[float, ...] = ()  # centres [nm]

@@ -131,7 +131,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example of names for `--bands`: names of known wavelength are kept. `hidden`: alpha is one more band, the NIR."""
+    """Example for `--bands`; it keeps names with a known wavelength. `hidden`: it ends in "nir" for the alpha band."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

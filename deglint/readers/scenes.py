@@ -21,7 +21,7 @@ _MAGIC = re.compile(r"[*?\[]")
 class ListedScene:
     """A scene of a batch: its name and its files."""
 
-    name: str  # its outputs are called after it; it is never a path
+    name: str  # its outputs get this name; never a path
     paths: tuple[str, ...]  # GDAL names of its files
     item: str = field(default="", compare=False)  # name of the STAC Item that has these files, for `open_scene`
 

@@ -62,7 +62,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` with wavelength, width and full scale in the tags of each band, from the file if needed."""
+    """A copy of `info` with wavelength, width and full scale in each band's tags; missing ones come from the file's."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -78,8 +78,8 @@ def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
 def saturation(info: RasterInfo, band: int) -> float | None:
     """Physical value from which on a band is saturated; None if not known.
 
-    `band` is 0-based. The tag FULL_SCALE of the band or of the file has the file value. Without this tag it is the
-    largest value of an integer type of up to 16 bits, unless that is nodata. Detectors do not fill other types.
+    `band` is 0-based. The tag FULL_SCALE of the band or of the file has the file value. Without this tag, it is the
+    largest value of an integer type of up to 16 bits, as wider types are never filled. None if that value is nodata.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -104,7 +104,7 @@ def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> li
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
-    """Numbers in the first tag that matches `key` and has `count` of them, each with its unit in the tag (or "")."""
+    """The numbers, each with its unit or "", in the first tag that matches `key` and has `count` numbers; else none."""
     for value, match in _matching(tags, key):
         numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == count:

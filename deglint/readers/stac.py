@@ -41,7 +41,7 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of the file's description with the properties of the Item, if their numbers of bands are equal.
+        """A copy of the file's description with the Item's properties; `info` itself if the numbers of bands differ.
 
         Scale, offset and nodata in the file take precedence.
         """
@@ -115,7 +115,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands: those with the `keys` if given; `path` is the name of the Item."""
+    """The assets of an Item that are its bands: those with the `keys`, else as declared; `path` is its name."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -148,7 +148,7 @@ def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets that are bands: assets of one band each, sorted by wavelength, or one asset with all bands."""
+    """Keys of the assets that are bands: several of one band each, by wavelength, or one; `what` names the Item."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -177,8 +177,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any], ...]:
     """Properties of the bands of an asset: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
 
-    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). With `applied`, the
-    offset in the Item is already applied to the file values, and 0 is returned.
+    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `key` is the name of a
+    band without one. `applied`: the offset of the Item was applied to the file values before; the one returned is 0.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]

@@ -105,7 +105,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """Find nodata: the value that is equal in all bands over areas, for the bands that have it hardly anywhere else."""
+    """Find nodata: a value equal in all bands over whole areas; it is nodata of a band only if rare elsewhere in it."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:
@@ -154,7 +154,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the file has more than two integer bands, all of Sentinel-2, and declares no offset."""
+    """Whether the file has more than two integer bands, all named as in Sentinel-2, and no declared offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     named = all(sensors.normalise(name) in known for name in scene.names)
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)

@@ -141,7 +141,7 @@ def _first(container: Container) -> Product | None:
 def _of(family: Any, container: Container) -> Product | None:
     """The product of a family in a container, with the names of the metadata files that were read.
 
-    If the metadata are damaged: None if the user names the image itself (it is opened as a raster), else MetadataError.
+    MetadataError if the metadata are damaged; but None if the user named the image itself: it is opened as a raster.
     """
     try:
         found = family.find(container)

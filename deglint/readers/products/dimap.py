@@ -1,4 +1,4 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2), whose tiles GDAL's DIMAP driver mosaics.
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2). GDAL's DIMAP driver joins its tiles.
 
 The driver does not report gains or the order of bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
 holds for reflectance products.
@@ -79,9 +79,9 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
 def _angles(root: ET.Element) -> dict[str, Any]:
     """Tags with the directions of sun and satellite [degree], seen from the ground at the centre of the image.
 
-    AZIMUTH_ANGLE belongs to the image's lines, and VIEWING_ANGLE is measured at the satellite. The satellite's azimuth
-    is AZIMUTH_ANGLE - atan2(tan(across), tan(along)) of the incidence angles across and along the track, as the Orfeo
-    Toolbox (CNES) computes it.
+    AZIMUTH_ANGLE is the orientation of the image, not the azimuth of the satellite; VIEWING_ANGLE is measured at the
+    satellite. The azimuth of the satellite is AZIMUTH_ANGLE - atan2(tan(across), tan(along)), with the incidence angles
+    `across` and `along` the track, as in the Orfeo Toolbox (CNES).
     """
     places = list(root.iter("Located_Geometric_Values"))
     place = next((p for p in places if said(p, "LOCATION_TYPE").casefold() == "center"), places[0] if places else root)

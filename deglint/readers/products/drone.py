@@ -121,7 +121,7 @@ def facts_of(info: RasterInfo) -> Facts:
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
-    """Bands that the XMP names (none if their number is not the file's), and notes on corrections of a capture."""
+    """Bands that the XMP names (none if it names more or fewer than the file has), and notes on corrections."""
     names = facts.get("BandName", ())
     if not names or len(names) != info.count:
         return [], []
@@ -200,7 +200,7 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP lacks it.
 
-    (p - black) / 2^16 / (gain t), times the camera's factor, with the exposure time t [s]. The unit is not known.
+    It is c (p - black) / (gain t 2^16), with a factor c of the camera and the exposure time t [s]; its unit is unknown.
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

@@ -217,9 +217,8 @@ def angle_tags(
 ) -> dict[str, Any]:
     """Tags with the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
-    `altitude` of the satellite is in m. The elevation of the sensor is 90 - incidence. If only `off_nadir` is known,
-    which is measured at the satellite,
-    sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
+    The elevation of the sensor is 90 - incidence. `off_nadir` is measured at the satellite; `altitude` [m] is needed
+    with it. If `incidence` is None, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
     """
     if incidence is None and off_nadir is not None:
         sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))

@@ -111,7 +111,7 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
 
 
 def _band_tags(band: ProductBand, *, scaled: bool) -> dict[str, str]:
-    """Tags of a band as `deglint.readers.spectral` reads them; the saturated value only with `scaled`."""
+    """Tags of a band for `deglint.readers.spectral`. `scaled`: the product's scale is used, so saturation is added."""
     full = band.saturation if scaled else None
     facts = {"wavelength_nm": band.wavelength, "fwhm_nm": band.width, "FULL_SCALE": full}
     return {k: f"{v:.10g}" for k, v in facts.items() if v is not None}
