@@ -4,7 +4,7 @@ Glint is brighter and smaller than the objects to keep, so an opening removes it
 maximum of these minima. An opening by a square also removes corners and round edges of objects. Openings by an octagon
 and a diamond keep them, but also keep more glint. What they add to the opening by a square is the outline detail. It is
 used only where two bands have more of it than sparkle has in the NIR bands, which show no objects under water; and in
-each band up to `MOST` times the detail of the bands before and after it in time.
+each band at most up to `MOST` times the larger detail of its two neighbours in time.
 
 Fails where clumps of glint are wider than the window (their darkest pixel is glint). Objects and textures of the bottom
 that are narrower than the window are removed.
@@ -200,9 +200,9 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it.
 
-        Pixels in which only noise exceeds the background are marked, too, and their noise is replaced with them. With a
-        threshold of one standard deviation, errors differ by less than 2 %; but by 19 % in dense glint, as that
-        threshold misses faint glint.
+        Pixels in which only noise exceeds the background are marked, too. If only pixels were marked that exceed it by
+        a standard deviation of noise, errors would change by less than 2 %; but by 19 % in dense glint, as faint glint
+        would be missed.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]

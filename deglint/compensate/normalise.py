@@ -44,9 +44,9 @@ def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
     """Determine the level of water in each band.
 
-    `number` is the fraction of glint pixels above which the mode is used instead of the median [%]. By default the
-    median is always used: glint raises the median of the bands that it brightens, which partly compensates for glint
-    when one band replaces another. Raises FitError: a band has no positive level.
+    `number`: if more than this percentage of the pixels are glint, the mode is used instead of the median. By default
+    the median is always used. In a band with glint the median is too high; if the band replaces another, this partly
+    compensates for its glint. Raises FitError: a band has no positive level.
 
     References
     ----------

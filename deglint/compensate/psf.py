@@ -106,9 +106,9 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
 def typical_psf(wavelength: float) -> PSF:
     """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
 
-    It is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`): for optics that are sharper by a
-    third or more. On seven seas simulated with f/10 and f/30, the error after sharpening with it is 13 % larger than
-    with the true PSF; without sharpening the error is 39 % larger.
+    It is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide for optics that
+    are sharper by a third or more. On seven seas simulated with f/10 and f/30, the error after sharpening with it is
+    13 % larger than with the true PSF; without sharpening the error is 39 % larger.
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])
 

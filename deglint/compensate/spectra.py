@@ -75,9 +75,9 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """Model of targets for each brightness 2**n, n = 0 to 16, in the unit `Targets.light`.
+    """Models of targets, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
-    One number for each band: `wavelengths`, full `widths` [nm], radiance of `water` and noise `s`, both over `light`.
+    Arguments have a number for each band: centre and full width [nm], radiance of water over light, noise over light.
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))

@@ -142,8 +142,9 @@ ROUNDED = 0.999  # share of the saturation value from which pixels count as satu
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
-    """Value from which each band of the scene is saturated, (band,): the lower one of the declared value and the value
-    that many pixels have (see `NEARLY`), times `ROUNDED`; infinity if neither is known.
+    """Value from which a pixel counts as saturated, (band,): `ROUNDED` times the saturation value, else infinity.
+
+    The saturation value is declared, or is the highest value if many pixels have it (`NEARLY`): the lower of the two.
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

@@ -159,12 +159,12 @@ def brightness(e: Float32) -> Places:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """A block and its background, and tests of the excess of one over the other; bands in order of time."""
+    """A block and its background, and tests of the excess of the block over it; bands in order of time."""
 
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
     below: list[Float32]  # its background
-    afloat: bool = False  # whether a target must be lit in a dark band, if there is one: without an opening
+    afloat: bool = False  # a target must be lit in a band with dark water, if there is one; set without a background
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
@@ -182,8 +182,8 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
-        """Mask (row, column) of possible peaks of targets: pixels that are lit and near the maximum of 3 x 3 pixels in
-        at least three bands, of both the earlier and the later half of the bands.
+        """Mask (row, column) of possible peaks of targets: lit, and near the maximum of 3 x 3 pixels, in at least three
+        bands, of which at least one is in the earlier half of the bands and one in the later half.
         """
         import cv2
 
@@ -205,7 +205,7 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S (0 up to `LONE`), score of 3 x 3 pixels (sum of S, plus `outline`) and index of the most likely spectrum.
+        """S (0 if at most `LONE`), score of 3 x 3 pixels (sum of S, plus `outline`), index of the likeliest spectrum.
 
         Each is (row, column), and is computed at peaks and around them only.
         """
@@ -236,7 +236,7 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio of target and sparkle around some pixels, by whether all bands have the same outline.
+        """Log likelihood ratio of target and sparkle around some pixels: a target has the same outline in all bands.
 
         The residual is the share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum.
         It is modelled as B - 1 normal variables: for a target with the variance of noise and blur, for sparkle with
@@ -258,7 +258,7 @@ class Excess:
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
         """Flat indices of pixels, and the contrast to restore there, (band, pixel). Beside targets (`OUTLINE_REACH`) it
-        is the target's spectrum times the second lowest ratio, 0 to 1, of a band's excess to this spectrum.
+        is the target's contrast times a share, 0 to 1: the second lowest ratio of the excess to it in any band.
         """
         import cv2
 
@@ -345,7 +345,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
 
-    `t`: time of each band [s]. A transition between bands is counted in the pairs of dark bands with the nearest delay.
+    `t`: time of each band [s]. A step to the next band is counted in those pairs of dark bands whose delay is nearest.
     """
     import cv2
 
@@ -370,23 +370,23 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of `steady` pixels (all bands) among the fainter half of the pixels that are lit in the first band."""
+    """Of the pixels that are lit in the first band, but not above their median: share that is `steady` in all bands."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Mask (step, pixel) of pixels that are lit and within one histogram bin of the band before, up to each step."""
+    """Mask (step, pixel): True if up to this step each band is lit and within one histogram bin of the band before."""
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 
 
 def extrapolated(runs: Float64) -> float:
-    """Share of the pixels in which sparkle stays bright in all bands, without targets.
+    """Share of the pixels in which sparkle (not a target) stays bright in all bands.
 
-    `runs` (step,): share of the pixels that stay bright for 1, 2, ... steps after the first band. For sparkle it falls
-    geometrically, down to the constant share of targets; the rest of the geometric series is returned.
+    `runs` (step,): share of the pixels that stay bright for 1, 2, ... steps after the first band. The part of sparkle
+    falls geometrically, the part of targets is constant. The part of sparkle at the last step is returned.
 
     Examples
     --------

@@ -136,9 +136,9 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
     """Measure the glint left in a sample after a removal alone; returns a stage that only sets `State.variance`.
 
-    Least squares gives a slope of rho to 1 times the true slope; rho is the correlation of the band with the glint. The
-    factor is rho if the rest of the band is glint that moved between the bands, and 1 if it is signal of the water. All
-    factors between are equally likely: the relative standard error of the slope is (1 / rho - 1) / sqrt(3).
+    The true slope is 1 to 1 / rho times the slope of least squares; rho is the correlation of the band with the glint.
+    The factor is 1 if the rest of the band is signal of the water, and 1 / rho if it is glint that moved between the
+    bands. All factors between are equally likely: the relative standard error of the slope is (1 / rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}

@@ -99,8 +99,8 @@ def glint_classes(
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
     the limit in every band is one standard deviation of its noise: such glint adds no more variance than noise does.
     `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
-    standard deviation of their noise [unit of the band]. Pixels outside `water` (row, column) are not assessed; nor are
-    any if no band was corrected.
+    standard deviation of their noise [unit of the band], `saturated` (row, column) True where a band is saturated. Not
+    assessed are pixels outside `water` (row, column), and all pixels if `amount` has no band.
     """
     out = np.full(amount.shape[1:], NOT_ASSESSED, np.uint8)
     np.copyto(out, NEGLIGIBLE, where=np.isfinite(amount).any(axis=0))
@@ -138,7 +138,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """Path and layout of each additional raster; a key is the field of `Corrected` that has its values.
+    """Path and layout of each additional raster; keys are the fields of `Corrected` that hold the values.
 
     `modelled` is the result of `sky_glint`.
     """
@@ -214,7 +214,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle from tag `name`, a zenith angle also from elevation `other` [degree]; None if missing or impossible."""
+    """An angle [degree] from tag `name`, else `other` (zenith: an elevation); None if missing or impossible."""
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:
         angle = 90.0 - angle

@@ -50,7 +50,7 @@ class Outputs:
     dtype: str | None = None  # data type of the image; the type of the input by default
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     request: str | None = None  # checksum of a batch's options, by which finished outputs are recognised
-    reads: Sequence[str | Path] = ()  # input files besides those of scene and recipe, which no output may replace
+    reads: Sequence[str | Path] = ()  # further input files, beside scene and recipe; no output may replace an input
 
     def __post_init__(self) -> None:
         for name in ("image", *BESIDE):
@@ -72,7 +72,7 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Numbers of pixels of a tile or of a whole run; numbers by band are an array in scene order, or 0 for all."""
+    """Numbers of pixels of a tile or a run; numbers by band are an array in scene order, or one 0 for all."""
 
     total: int = 0
     nodata: int = 0
@@ -253,7 +253,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """Why there is no water mask from the scene, and why each band that is not corrected is not; by their names."""
+    """Reasons why water was not searched in the scene ("water mask"), and why a band was not corrected (its name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"

@@ -34,12 +34,12 @@ class Overview:
 
     tiles: tuple[Tile, ...]  # tiles that were read
     roles: Roles  # the visible and NIR bands of the scene
-    water: WaterRule | None  # None: water is not wanted, or not found without a visible band
+    water: WaterRule | None  # None if it is not wanted, or if the scene has no visible band
     whole: bool  # the overview covers the whole scene
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Overviews of larger and larger parts of a scene, the last of all of it; with a water rule if `wanted`."""
+    """Overviews of larger and larger parts of a scene, at last of the whole; with a water rule if `wanted`."""
     roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
     compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
@@ -61,7 +61,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Tiles spread over the scene, with about `pixels` pixels; of a huge scene, some rows and columns of tiles."""
+    """Tiles spread over the scene, with about `pixels` pixels in all; in a huge scene, a part of them is considered."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
@@ -88,7 +88,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview in which water is found, else the last; the first of all if water is not `wanted`."""
+    """The first overview with water, else the last; without a water rule (see `Overview.water`), simply the first."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break

@@ -59,14 +59,14 @@ def remove_glint(
     recipe : Recipe, optional
         Options; by default everything is determined automatically.
     model : GlintModel, optional
-        Apply this model, and `chain`, the compensation that was fitted with it, instead of fitting one.
+        Apply this model instead of fitting one. If a compensation was saved with it, give that as `chain`.
     threads, cluster : int and Cluster, optional
         Threads, by default all processors; or workers (`deglint.pipeline.cluster.connect`) with the same result.
     progress : callable, optional
         Called as progress(stage, done, total).
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
-        sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`.
+        sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`; chain: see `model`.
 
     Returns
     -------

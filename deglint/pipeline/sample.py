@@ -69,7 +69,7 @@ class Sampler:
     """Where the sample of a scene lies."""
 
     tiles: Sequence[Tile]  # tiles that contain the sample
-    mask: Callable[[Any, Sequence[int], Tile], Mask]  # its mask in (block, 0-based bands, tile)
+    mask: Callable[[Any, Sequence[int], Tile], Mask]  # gives its mask for (block, 0-based bands in it, tile)
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs
     numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
@@ -244,8 +244,8 @@ def _of_kernels(job: Job) -> FitRequest:
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Tiles whose sample excludes pixels nearer to land than `size` [pixel], where openings are too dark. The sample is
-    not changed if less than half of it would be left.
+    """The tiles, without the pixels of their samples that are nearer to land than `size` [pixel]: openings are too dark
+    there. If less than half of the pixels would be left, the samples are not changed.
     """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)

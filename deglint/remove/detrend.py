@@ -25,8 +25,8 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Fl
     Returns (band, row, column): NaN outside the sample, 0 where a sample pixel has no other sample pixel in its square.
 
     Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
-    depend on tiles, to the bit. The division comes last, and float64 is summed in two halves of its bits: an offset of
-    1e8 costs no precision. Cost: about 40 ns per pixel and band, 80 ns for float64.
+    depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and of float64 the upper
+    and the lower bits are summed separately. Cost: about 40 ns per pixel and band, 80 ns for float64.
 
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])

@@ -24,15 +24,15 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
     They are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom, plumes or
-    algae, removal would subtract these from the shorter bands. This is tested on the half of the pixels with less
-    glint: the change of the removal by further references, averaged over `EVEN_SIDE` pixels, must not vary by more than
-    `MOST_TAKEN` standard deviations of noise. The test signals are the structures of the scene itself.
+    algae, removal would subtract these from the shorter bands. So the glint is removed with and without them, and the
+    results are compared in the half of the pixels with less glint. The difference, averaged over `EVEN_SIDE` pixels,
+    must have a standard deviation of at most `MOST_TAKEN` times the noise.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands to correct (0-based) from `FURTHER_FROM` on; the shortest are dropped until `serve` of the rest is True."""
+    """Bands to correct (0-based) from `FURTHER_FROM` on; the shortest are dropped until `serve(bands)` is True."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -43,7 +43,7 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
     """How much the references `more` (0-based bands) change the removal over water with weak glint.
 
-    It is the largest standard deviation of the change in any band, over the noise of a pixel; infinite if not tested.
+    It is the standard deviation of the averaged change over the noise; the largest of all bands, infinite if untested.
     """
     import cv2
 

@@ -2,11 +2,11 @@ r"""Kernels that predict bands from neighbourhoods of references: their fit, the
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
-with v(x) the references at every offset of a square of `SIDE` pixels around x, then the bands, all with the mean
-subtracted. One Gram matrix G is kept for each square of `CELL` x `CELL` pixels of the sample. The response of a kernel
-is the sum of its coefficients, its support the sides of its squares. Groups of squares are left out in turn: the
-residuals in squares that were not fitted (cross-validation) select the support, and the scatter of the responses gives
-their jackknife covariance. Arrays only.
+The vector v(x) lists the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b); the
+mean is subtracted from all. One Gram matrix G is kept for each square of `CELL` x `CELL` pixels of the sample. The
+response of a kernel is the sum of its coefficients; its support is the side of its window on each reference. Groups of
+squares are left out in turn. The support is selected by the residuals in the squares that are left out
+(cross-validation); the scatter of the responses gives their jackknife covariance. Arrays only.
 """
 
 from __future__ import annotations
@@ -79,11 +79,12 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
-    """Gram matrices of the squares of one tile in which enough pixels have only sample pixels around them.
+    """Gram matrices of the squares of one tile; squares with too few pixels are omitted.
 
     references, bands : (row, column) each
-    sample : (row, column), True where pixels are used for fitting; references and bands are finite there
-    size : side of the square whose mean is subtracted around each pixel first; 0 for none [pixel]
+    sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
+        counts if the largest kernel around it covers only such pixels
+    size : side of the window around each pixel whose mean is first subtracted from it; 0 for none [pixel]
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
@@ -200,7 +201,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band), relative to the band, of kernels fitted to the other groups (or the only group)."""
+    """Residual power over the band's power, (group, band); kernels are fitted to the other groups, if there are any."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -208,7 +209,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the best of all bands, if none is clearly better; `losses`: (group, band) by support."""
+    """Support of each band: the common best, unless clearly worse for this band; `losses`: (group, band) by support."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -220,7 +221,7 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports, smallest first, with at most `WORTH` more noise than the best, or no significant excess.
+    """Supports, smallest first, that have at most `WORTH` more noise than the best, or at most one standard error more.
 
     losses : residual power (group,) by support
     """
@@ -235,7 +236,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Change of each band (output,) if its NIR rises by 1 everywhere, and other references as the NIR predicts."""
+    """Change of each band (output,) if its NIR rises by 1, and other references by what the NIR predicts."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0

@@ -166,7 +166,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The sample (row, column) without pixels near strong glint, where resampling causes values that are too low."""
+    """Sample (row, column) away from strong glint, beside which resampling darkens pixels; `together`: prediction."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -196,13 +196,13 @@ def shared_level(
     resolved : pixels are smaller than waves
 
     The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
-    least prediction over the sample, raised so that (almost) no pixel becomes negative. Where every pixel may have
-    glint because it contains several waves, the level may be lower. A band b exceeds the predicted NIR p by b / s - p =
-    w_b / s - w_NIR, which depends on the water w and not on glint. As w_NIR is at most `DARKER` times w_b / s of a
-    visible band, it is at most `DARKER` / (1 - `DARKER`) times this excess. The level is also not so low that the least
-    glint would exceed `LEAST_OF_MEDIAN` times the median glint. Where waves are resolved, some face away from the sun,
-    and the least prediction is the level; errors of the kernels make single pixels negative there, so local means must
-    be positive.
+    least prediction over the sample, raised so that (almost) no pixel becomes negative. But where every pixel may have
+    glint, because it contains several waves, the level may be lower. It is then estimated from the excess of a band b
+    (slope s) over the predicted NIR p: b / s - p = w_b / s - w_NIR, which depends on the water w and not on glint. In a
+    visible band, w_NIR is at most `DARKER` times w_b / s, and so at most `DARKER` / (1 - `DARKER`) times the excess.
+    The level is also not so low that the least glint would exceed `LEAST_OF_MEDIAN` times the median glint. Where waves
+    are resolved, some face away from the sun, so that the level is not lower than the least prediction. Errors of the
+    kernels make single pixels negative there; so only local means must be positive.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
@@ -239,7 +239,7 @@ def shared_level(
 
 
 def _highest(values: FloatArray, share: float) -> float:
-    """Value that a share [%] of values (pixel,) exceeds, limited because objects with a bright NIR look like errors.
+    """Value that a share [%] of values (pixel,) exceeds, but at most a limit, as objects may have a bright NIR.
 
     The limit is twice as far above the median as the value that ten times this share exceeds. For a share of 0.1 % the
     limit is 26 % farther above the median than the value in an exponential tail, and 51 % farther in a normal tail.
@@ -255,7 +255,7 @@ def _normal_tail(together: FloatArray) -> bool:
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """Glint in the NIR of each band over its weighted mean, (band,); 1 for all bands unless all are positive."""
+    """Glint of each band over the mean of all bands weighted by `slopes`, (band,); 1 unless all have positive glint."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
@@ -271,7 +271,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def _span(sample: LevelSample, together: FloatArray) -> float:
-    """The span, as defined at `MOSTLY_CLEAR`, of the predictions of all bands together (pixel,)."""
+    """The span, as defined at `MOSTLY_CLEAR`; `together`: prediction of all bands together, (pixel,)."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together[sample.apart] if sample.apart.any() else together
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
@@ -283,9 +283,9 @@ def shared_level_error(
     """Standard error of the level [unit of the NIR]; the arguments are as for `shared_level`.
 
     It is estimated by the jackknife over groups of neighbouring pixels. Where every pixel may have glint, a second term
-    is added: the level is then distributed as a triangle from the lowest possible level to the chosen one, which is the
-    likeliest, with a standard error of the interval over the root of 6. Errors of the removal may have raised the level
-    above the NIR that water can have; the interval includes this NIR.
+    is added. The true level then lies between the lowest possible one and the chosen one, with a probability that rises
+    linearly to the chosen one: the standard error is the length of this interval over the root of 6. The interval is
+    extended to the highest NIR that water can have, as errors of the removal may have raised the lowest level above it.
     """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]

@@ -4,9 +4,9 @@ r"""Mixture: removal of the weak glint that is left after strong glint was repla
 
 with r the NIR and red-edge references and o the offsets in 3 x 3 pixels. The kernels k are fitted without subtraction
 of a local mean: the signal that remains after an opening is faint glint, swell and reflected sky, which vary over
-longer distances. It is symmetric about its level p_b0, so the difference may be negative. The kernels minimise the sum
-of the root mean square residuals of the squares of the sample. This gives little weight to squares with an object under
-glint, to which least squares would be sensitive.
+longer distances. This signal is symmetric about its level p_b0, so p_b - p_b0 may be negative. The kernels minimise the
+root mean square residual of a square of the sample, summed over all squares. This gives little weight to squares with
+an object under glint, to which least squares would be sensitive.
 
 This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
 bottom. Red edge is not used if it would remove a turbid plume in the sample.
@@ -44,9 +44,9 @@ def fit(
 ) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
-    percentile : percentile of the prediction that is its level [%]
-    cut : decrease of the mean of each band of the scene, which replacing noise above the background caused; it is added
-        to the level [unit of the band]
+    percentile : the level is this percentile of the prediction in the sample [%]
+    cut : how much the opening decreased the mean of each band of the scene, as it also replaced noise above the
+        background; added to the level [unit of the band]
 
     Raises FitError: too little water.
 
@@ -109,7 +109,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Gain of a turbid plume added to the tiles, with references `nir` and `more` (0-based); least of the bands."""
+    """Share of a plume in the tiles that a removal with references `nir` and `more` keeps; least of all bands."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -79,7 +79,7 @@ class GlintModel:
     references : tuple of ReferenceRule
         Rules by which ships, surf and land are first replaced in each reference; empty for pointwise methods.
     level_interval : (float, float, float), optional
-        Level common to all bands [unit of the index]: lowest without negative bands, chosen, median of the sample.
+        Levels for all bands [unit of the index]: lowest without negative pixels, chosen, median of the prediction.
     level_stderr : float, optional
         Standard error of the chosen level [unit of the index].
     strips : Strips, optional

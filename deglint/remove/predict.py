@@ -87,8 +87,8 @@ def glint(
     crop : halo above, below, left and right [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    and never negative unless the model is signed. Also returns a mask of the water pixels where a reference exceeds its
-    surroundings by more than glint does, so that it is replaced by their mean; None if there are no such pixels.
+    and never negative unless the model is signed. Also returns a mask of the water pixels where a reference was
+    replaced because it exceeds its surroundings by more than glint does (see `clean`); None if there is no such pixel.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays

@@ -53,8 +53,8 @@ def fit_reference(
     looks : for each tile the values of the band, and True on open water away from shores, both (row, column)
     band : 0-based band of the reference
     edge : width of mixed pixels [pixel]; 2 for a band of half the resolution
-    sparkle : pixels may resolve sparkle, whose few flashes are brightest: the limit is then at least the value that one
-        pixel in a million exceeds, by extrapolation of a power law through the 99th and the 99.9th percentile
+    sparkle : pixels may resolve sparkle, of which few flashes are very bright: the limit is then at least the excess of
+        one pixel in a million, extrapolated by a power law through the 99th and the 99.9th percentile of the excess
     """
     looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
     found = [values[sample] for values, sample in looks if sample.any()]
@@ -88,13 +88,13 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """Replace in a reference the pixels that are not open water under glint by the mean of the water around them.
+    """Replace all pixels of a reference that are not open water, or too bright for glint, by the mean of water around.
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
     water : (row, column), with or without the ships on it
 
-    Returns the reference, (row, column), in which pixels without water around them are 0; and a mask of the water
-    pixels that exceed their surroundings by more than glint does, None if there are no such pixels.
+    Returns the reference, (row, column), in which pixels without water around them are 0; and a mask of the open water
+    that exceeds its surroundings by more than glint does, with the pixels next to it; None if there is no such pixel.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)

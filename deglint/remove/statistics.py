@@ -232,13 +232,13 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
         \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
 
     with i the band, r its references, w their weights, C the comoments, s_c the score of cell c (of G cells), and p_c
-    the share of the cell in the glint, the weighted sum of the references. V is the cluster-robust covariance of w (CR3
-    of Bell and McCaffrey 2002, with the leverage of the weighted sum instead of the leverage of each reference). With
-    one reference the error is the standard error of the slope over the slope.
+    the share of cell c in the comoment w^T C w of the glint. V is the cluster-robust covariance of w (CR3 of Bell and
+    McCaffrey 2002, with the leverage of the weighted sum instead of the leverage of each reference). With one reference
+    the error is the standard error of the slope over the slope.
 
     The error is infinite if the sample spans fewer than `CLUSTERS` cells or the glint does not vary. The reliability is
-    the effective number of cells, (sum p)^2 / sum p^2: if a few clumps of sparkle contain most of the glint, the error
-    does not represent others (after Carter, Schnepel and Steigerwald 2017).
+    the effective number of cells, (sum p)^2 / sum p^2. It is small if few clumps of sparkle contain most of the glint:
+    the error is then uncertain, too (after Carter, Schnepel and Steigerwald 2017).
     """
     cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]
@@ -259,7 +259,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """References of a band as variables of the sample, and weights: its index if planned, else that index's bands."""
+    """References of a band (places of variables), weights: its index if in the plan, else the bands of the index."""
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
     parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]

@@ -7,7 +7,7 @@ and land replaced by the water around (`deglint.remove.reference`). The kernels 
 water, with a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between
 the glint of two bands, and average the noise of the reference. The sums of their coefficients, the responses to uniform
 glint, are drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or none. The levels p_b0 are
-determined together (`deglint.remove.levels`). It is Hedley's method for one pixel, no local mean and the minimum.
+determined together (`deglint.remove.levels`). Hedley's method has one pixel, no local mean and the minimum.
 
 The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
 level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
@@ -73,8 +73,9 @@ def fit(
 
     request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
     tiles : spread over the scene; 0.3 million pixels are enough
-    strips : strips of detectors with opposite band delays, for separate kernels; or a function that finds them in the
-        whole scene, called if the sample shows two kinds: its argument determines the kinds of the squares in a tile
+    strips : strips of detectors with opposite band delays, which get separate kernels; or a function that finds them in
+        the whole scene. It is called if the sample shows two kinds; its argument is a function that takes a tile and
+        returns the places and kinds of the tile's squares
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
@@ -208,7 +209,7 @@ class _Learnt:
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
-    """Clean the references of a tile, and exclude from its sample what they replace and what is not finite."""
+    """Clean the references of a tile; pixels replaced as too bright, or not finite, are excluded from its sample."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -270,10 +271,10 @@ def _model(
 def _indexes(
     fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
 ) -> tuple[GlintIndex, ...]:
-    """A kernel for each band with the posterior response s' instead of s, divided by the slope of the band.
+    """A kernel for each band, changed from its response s to the posterior response s', over the slope of the band.
 
-    k' = k + k_g (s' - s), with k_g the kernel of the common glint: it predicts the sum of the bands with the weights
-    `shared`, and is scaled to the response 1.
+    k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
+    `shared`, scaled to the response 1.
     """
     out = {}
     for f in fitted:
@@ -345,7 +346,7 @@ def shared_glint(
         s' = a c + P S^{-1} (s - a c)
 
     with s (band,) the responses and V (band, band) their covariance. Of the spectra of radiance and of reflectance, the
-    one with the smaller (s - a c)^T S^-1 (s - a c) is used.
+    one with the smaller (s - a c)^T S^-1 (s - a c) is used. With regression "ols", s' is s.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
@@ -366,7 +367,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Spectra of glint (band,) relative to each NIR: 1 for reflectance, the sun's for radiance if in 300 to 1000 nm."""
+    """Spectra of glint (band,) over each NIR: 1 for reflectance; for radiance the sun's, if all are in 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))
