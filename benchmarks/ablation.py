@@ -44,7 +44,7 @@ def without(stage: str, choice: Choice) -> Chosen:
 
 
 def opened(choice: Choice) -> Chosen:
-    """The first chain with an opening; the chosen where none was tried."""
+    """Method and chain of the simplest candidate with an opening; of the chosen one if no such candidate was tried."""
     found = [t.candidate for t in choice.trials if "identify-level" in t.candidate.chain]
     best = found[0] if found else choice.best
     return best.method, best.chain

@@ -29,7 +29,7 @@ PUBLISHED = {"B02": (0.856348, 13.45), "B03": (0.869187, 12.72), "B04": (0.80651
 
 
 def combinations(quick: bool) -> list[tuple[str, str]]:
-    """Every method with every regression that it knows."""
+    """Pairs (method, regression): all regressions, or two if `quick`, of each method that regresses; else ""."""
     regressions = ("ols", "detrended") if quick else tuple(REGRESSIONS)
     return [(m, r) for m, method in METHODS.items() for r in (regressions if method.regresses else ("",))]
 

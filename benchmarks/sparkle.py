@@ -1,10 +1,11 @@
-"""How much do pixels of 25 cm sparkle? Facets of 6 cm with a patch size, against waves resolved to 1 mm.
+"""How much do pixels of 25 cm sparkle? Facets of 6 cm with patches (`Setup.patch`), against waves resolved to 1 mm.
 
     python -m benchmarks sparkle [--wind 9] [--rounds 10]
 
-Prints, for glint far from the specular point and near it, the coefficient of variation of the pixels and
-their correlation after 10, 60 and 120 ms. The patch that comes nearest is what `Setup.patch` should be. Seas
-of 2 m only, so that 1 mm can be afforded: the longer waves tilt both in the same way.
+Prints, for glint far from the specular point and near it, the coefficient of variation of the pixels, and the
+correlation of the pixels with the same pixels after 10, 60 and 120 ms. `Setup.patch` should be the patch size whose
+numbers are nearest to those of the resolved waves. The side of the sea is only 2 m, so that 1 mm can be afforded. The
+longer waves that are left out would tilt facets and resolved waves in the same way.
 """
 
 import numpy as np

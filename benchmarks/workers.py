@@ -1,7 +1,8 @@
 """How much faster more workers are: one command on 1, 2, ... processes of this machine, rounds interleaved.
 
-A worker is a process of one thread. Starting the workers is told apart: they are warm when the time runs. What the
-processor gives each is in the last column: on a machine that others use, wall time says little.
+A worker is a process of one thread. The time to start the workers is not included: they correct a small scene first.
+On a machine that others use, wall time says little: see the processor time. The last column is the largest memory of a
+worker.
 """
 
 from __future__ import annotations

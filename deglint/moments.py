@@ -204,9 +204,9 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 
 
 def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
-    """Whether `thinned` keeps the pixel of this row and column.
+    """Whether `thinned` keeps the pixels at these rows and columns of the scene (arrays that broadcast).
 
-    Pixels that are kept for a `share` are also kept for every divisor of `share`.
+    About one pixel in `share` is kept. Pixels that are kept for a number are also kept for each of its divisors.
     """
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)

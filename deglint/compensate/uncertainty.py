@@ -110,7 +110,8 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     Parameters
     ----------
     state : State
-        The block after all stages. Its `variance` is used if a stage has set it, and its `replaced` for `errors`.
+        The block after all stages, with the `variance` that a stage may have set and the light that was `removed`.
+        Pixels that are `replaced` get an error of `errors`.
     model : GlintModel
         Model of the removal.
     errors : sequence of ReplacedError

@@ -162,7 +162,7 @@ class _View:
 
     @cached_property
     def contrast(self) -> FloatArray:
-        """Visible minus NIR, (pixel,), of the sample as from `flat`."""
+        """First visible band minus NIR, (pixel,), at the pixels that `flat` selects."""
         visible = self.roles.visible[0]
         return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
 

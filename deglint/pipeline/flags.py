@@ -214,7 +214,10 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle [degree] from tag `name`, else `other` (zenith: an elevation); None if missing or impossible."""
+    """An angle [degree] from tag `name`, else from tag `other`; None if neither is a number.
+
+    If `zenith`, `name` is a zenith angle in 0 to `VIEW_LIMIT`, and `other` an elevation (90 degrees minus it).
+    """
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:
         angle = 90.0 - angle

@@ -149,8 +149,9 @@ class Alternative:
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
     """At most one other time and one other tilt of the sensor with less glint than the flight lines of a mission.
 
-    Each is the nearest with at most `FREE` of the view in glint. If there is none, it is the one with the smallest
-    share in glint, if this is below `GAIN` times the share on the best heading. Empty if a heading of `line` is good.
+    The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
+    `FREE` of the view is in glint. If no time (or no tilt) reaches this, the one with the least glint is taken if its
+    share in glint is below `GAIN` times the share on the best heading. Empty if a heading of `line` is good.
     """
     if line.is_good:
         return ()

@@ -84,8 +84,9 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output.
 
-        A side is that of the input's tiles if it has 64 to 1024 pixels and divides `tile`, or `tile` spans the image.
-        Else it is a standard side: if `tile` spans the image, the smallest that does; else the largest that divides it.
+        The side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels and, in addition, `tile`
+        spans the image or is a multiple of this side. Else it is one of `_SIDES`: if `tile` spans the image, the
+        smallest that also does; else the largest that divides `tile`.
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (

@@ -69,7 +69,7 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """Fill the bands from the selected preset, else from a preset that a tag of the file names, if it fits."""
+    """Fill the bands from the selected preset, else from the preset named in a tag of the file, if it fits."""
     if sensor is not None:
         asked = sensor_of(sensor)
         bands, notes = apply_sensor(bands, asked, unnamed)

@@ -57,7 +57,7 @@ def open_scene(
         bilinearly, smaller ones are averaged, in the type of their file.
     sensor : str, optional
         Name of a preset (`deglint.sensors.names`) or of a .toml file, which supplies the properties of bands that the
-        file does not state. By default, the preset that a tag of the file names, if it fits.
+        file does not state. By default, the preset named in a tag of the file, if it fits the bands.
     nir : str, int or sequence, optional
         Near-infrared band(s) as in `find_nir`; they are checked, and recorded in `Scene.notes`.
     nodata : float or "none", optional
