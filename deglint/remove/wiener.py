@@ -289,14 +289,6 @@ def _indexes(
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _mean(planes: FloatArray, sample: Mask) -> FloatArray:
-    """Mean of the sample pixels in a square of `LOCAL_MEAN` pixels around each pixel, (band, row, column)."""
-    import cv2
-
-    share = np.maximum(cv2.blur(sample.astype(np.float32), (LOCAL_MEAN, LOCAL_MEAN)), np.float32(1e-6))
-    return np.stack([cv2.blur(np.where(sample, p, 0), (LOCAL_MEAN, LOCAL_MEAN)) / share for p in planes])
-
-
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """The model with the levels that `shared_level` determines from the sample, and a warning if they are uncertain."""
     import cv2
@@ -310,7 +302,8 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             together = np.tensordot(slopes, found, 1)
             around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             bands = np.stack(tile.bands)
-            local = _mean(found - bands / slopes[:, None, None], tile.sample) if averaged else found[:0]
+            excess = found - bands / slopes[:, None, None] if averaged else found[:0]
+            local = excess - detrend(excess, tile.sample) if averaged else excess
             planes = (found, bands, around, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
