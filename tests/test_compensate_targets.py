@@ -6,7 +6,7 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from deglint.compensate.spectra import reflectances
+from deglint.compensate.spectra import brightness, reflectances
 from deglint.compensate.state import Sample, Setting, State, full_scale
 from deglint.compensate.targets import Excess, Targets, extrapolated, fit
 from deglint.errors import FitError
@@ -114,7 +114,7 @@ def test_dense_boats_are_targets():
 def test_without_a_background_only_what_floats_is_restored():
     class Sure(Targets):  # that every lit pixel is a target
         def score(self, e):
-            return np.full(e.shape[1], 50, np.float32), np.zeros(e.shape[1], np.intp), np.zeros(e.shape[1], np.intp)
+            return np.full(e.shape[1], 50, np.float32), np.zeros(e.shape[1], np.intp)
 
     image, clean, _ = scene()
     sand = 0.3 * (WAVELENGTHS < 700) * light()  # under some metres of water, which is dark beyond
@@ -240,6 +240,28 @@ def test_sparkle_that_outlasts_the_bands_cannot_be_distinguished(share, refused)
     assert ("lasts" in stage.reason) == refused
 
 
+def test_flashes_that_grow_and_fade_through_all_bands_are_no_targets():
+    """400 flashes of two pixels, whose brightness changes with time, which is like a spectrum; and a white boat."""
+    rng, time = np.random.default_rng(5), np.arange(8) / 7
+    clean = scene()[1].astype(np.float64)
+    glint, boat = np.zeros_like(clean), np.zeros(clean.shape[1:], np.bool_)
+    for row, column in rng.integers(0, 158, (400, 2)):
+        life, middle = rng.exponential(0.5), rng.uniform(-0.5, 1.5)
+        flash = rng.lognormal(-1.0, 1.0) * np.exp(-(((time - middle) / life) ** 2))
+        glint[:, row : row + 2, column : column + 2] += flash[:, None, None]
+    boat[80:85, 40:44] = True
+    clean[:, boat] = (COLOURS["white"] * light())[:, None]
+    image = clean + glint * irradiance(WAVELENGTHS, 40.0).direct[:, None, None]
+    image = (image + 3e-4 * rng.standard_normal(clean.shape)).astype(np.float32)
+    state, stage = fitted(image, scene()[1])
+    found, without = ((s.apply(state).targets > 0).any(axis=0) for s in (stage, replace(stage, lasting=0.0)))
+    away = np.ones_like(boat)
+    away[75:90, 35:49] = False
+    assert 0.003 < stage.lasting < 0.06  # 1600 pixels of flashes are 6 %
+    assert found[away].mean() < 1e-4 < 1e-3 < without[away].mean()
+    assert found[boat].mean() > 0.9
+
+
 def test_extrapolation_does_not_count_targets():
     assert extrapolated(0.2 * 0.5 ** np.arange(7) + 0.01) == pytest.approx(0.2 * 0.5**7 / 0.5, rel=1.1)
     assert extrapolated(np.full(7, 0.01)) == 0
@@ -252,7 +274,7 @@ def test_scores_are_those_of_the_normal_distributions():
     image, clean, _ = scene("white")
     _, stage = fitted(image, clean)
     e = np.array([[40.0, 5.0], [42, 6], [39, 4], [41, 5], [40, 300], [38, 6], [43, 4], [40, 5]], np.float32)
-    S, kind, level = stage.score(e)
+    (S, kind), level = stage.score(e), brightness(e)
     values, factors, weight = reflectances(np.array(stage.wavelengths), np.array(stage.widths))
     water = np.array(stage.water)
     for pixel in (0, 1):

@@ -1,4 +1,4 @@
-"""Spectra of targets on the sea, and normal distributions of them (models).
+"""Spectra of targets on the sea and of flashes of sparkle that last, and normal distributions of them (models).
 
 Targets are painted (their spectra have edges), or grey and under 0 to 5 m of water. Measured spectra are not needed:
 eight bands do not resolve their details.
@@ -8,10 +8,13 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from ..moments import Float64
 from .state import Float32
 
+Places = npt.NDArray[np.intp]
+Flash = tuple[Float32, np.float32]  # for one brightness: quadratic form (pair of bands,), constant of the log density
 Model = tuple[Float32, Float32, Float32]
 """For one brightness: quadratic forms (spectrum, pair of bands), constants of the log density (spectrum, 1), and
 matrices (spectrum, band, band) that give the contrast of a target from the excess."""
@@ -29,8 +32,15 @@ EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 """Standard deviations relative to the brightness: linear and quadratic part of a grey spectrum over 250 nm (for paint,
 half of these), and the part that is not smooth."""
+CHANGE = 1.0
+"""Standard deviation of the linear and of the quadratic change of a lasting flash from the first to the last band,
+relative to its brightness: any rise or fall."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
+
+BLUR, VARIED = 0.012, 0.15
+"""Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
+blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
 
 
 def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float64, Float64]:
@@ -72,6 +82,26 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 
 
 @lru_cache(maxsize=8)
+def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float]) -> list[Flash]:
+    """Models of a flash that lasts through all bands, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
+
+    Its brightness changes evenly with time. Arguments have a number for each band.
+
+    glint : spectrum of glint divided by the light on a target
+    time : time offset [s]
+    s : standard deviation of noise divided by the light on a target
+    """
+    u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
+    factors = spectrum * np.stack([np.ones_like(u), CHANGE * u, CHANGE * (u * u - (u * u).mean())])
+    out, (row, column) = [], np.triu_indices(len(s))
+    for A in 2.0 ** np.arange(17):
+        C = A * A * factors.T @ factors + np.diag(np.square(s) + (ROUGH * A * spectrum) ** 2)
+        form = A * A * np.linalg.inv(C)[row, column] * np.where(row == column, 0.5, 1)
+        out.append((form.astype("f4"), np.float32(-0.5 * np.linalg.slogdet(2 * np.pi * C)[1])))
+    return out
+
+
+@lru_cache(maxsize=8)
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
@@ -90,3 +120,53 @@ def models(
         form = A * A * inverse[:, row, column] * np.where(row == column, 0.5, 1)
         out.append((form.astype("f4"), constant.astype("f4")[:, None], (K @ inverse).astype("f4")))
     return out
+
+
+def brightness(e: Float32) -> Places:
+    """Exponent, 0 to 16, of the power of 2 nearest to the largest excess, (pixel,); `e`: excess (band, pixel)."""
+    return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
+
+
+def likelihoods(e: Float32, of_targets: list[Model], of_flashes: list[Flash]) -> tuple[Float32, Float32, Places]:
+    """Log likelihoods of a target and of a flash, and index of the target's likeliest spectrum, (pixel,) each.
+
+    e : (band, pixel), excess over the background [`Targets.light`]
+    of_targets, of_flashes : from `models` and `flashes`
+    """
+    level, (row, column) = brightness(e), np.triu_indices(len(e))
+    (target, flash), kind = np.empty((2, len(level)), np.float32), np.empty(len(level), np.intp)
+    for n in np.unique(level):
+        i, (form, constant, _), (flash_form, flash_constant) = np.flatnonzero(level == n), of_targets[n], of_flashes[n]
+        x = e[:, i] * np.float32(0.5**n)
+        x = x[row] * x[column]
+        p = constant - form @ x
+        target[i], kind[i], flash[i] = p.max(axis=0), p.argmax(axis=0), flash_constant - flash_form @ x
+    return target, flash, kind
+
+
+def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
+    """Contrast (band, pixel) of targets with the spectra `kind` (pixel,): regression on excess `e`, at least 0."""
+    out, level = np.empty_like(e), brightness(e)
+    for n in np.unique(level):
+        i = np.flatnonzero(level == n)
+        out[:, i] = (of_targets[n][2][kind[i]] @ e[:, i].T[:, :, None])[:, :, 0].T
+    return np.maximum(out, 0)
+
+
+def same_outline(patch: Float32) -> Float32:
+    """Log likelihood ratio of target and sparkle, (pixel,), from the excess in 3 x 3 pixels, (pixel, place, band).
+
+    A target has the same outline in all bands. The residual is the share of the power that is not the product of one
+    outline and one spectrum. It is modelled as B - 1 normal variables: for a target with the variance of noise and
+    blur, for sparkle with `VARIED`. The worst band is excluded, because sparkle beside a target affects single bands.
+    """
+    patch = patch.astype(np.float64)
+    power = (patch**2).sum(axis=(1, 2))
+    v = np.linalg.eigh(patch.swapaxes(1, 2) @ patch)[1][:, :, -1:]
+    rest = (patch - patch @ v @ v.swapaxes(1, 2)) ** 2
+    random = patch.shape[1] * patch.shape[2] / 2 / power  # half of it is in the worst bands
+    share = np.maximum((rest.sum(axis=2) - rest.max(axis=2)).sum(axis=1) / power - random, 0)
+    known = BLUR * (patch**2).sum(axis=2).max(axis=1) / power + random
+    varied = np.maximum(VARIED, known)
+    ratio = np.log(varied / known) - share * (1 / known - 1 / varied)
+    return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)

@@ -6,9 +6,10 @@ The excess e of a pixel over the background, in bands 1 to B in the order of tim
 
 A target has one of the spectra F (smooth, or with one or two edges, in the light of sun and sky) in all bands; V is
 noise and the non-smooth part of the spectrum, h the water that the target hides. Sparkle changes from band to band,
-with probabilities p from histograms of the scene itself. A pixel belongs to a target if S summed over 3 x 3 pixels plus
-the log likelihood ratio of a common outline in all bands exceeds a threshold. The threshold follows from a false-alarm
-rate, and is higher where sparkle lasts through all bands.
+with probabilities p from histograms of the scene itself; where flashes last, p includes flashes whose brightness
+changes evenly with time. A pixel belongs to a target if S summed over 3 x 3 pixels plus the log likelihood ratio of a
+common outline in all bands exceeds a threshold. The threshold follows from a false-alarm rate, and is higher where
+sparkle lasts through all bands.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than half their size between the first and the last band, for most coloured targets of 1 pixel where
@@ -30,14 +31,13 @@ from ..moments import Float64
 from ..morphology import grown
 from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
-from .spectra import Model, models
+from .spectra import Flash, Model, Places, contrast, flashes, likelihoods, models, same_outline
 from .state import Float32, Mask, Sample, Setting, State, full_scale
 
-Places = npt.NDArray[np.intp]
 Kinds = npt.NDArray[np.uint8]
 
 RATE, TOGETHER = 1e-5, 2.8
-"""`RATE`: default false-alarm rate. A pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
+"""`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
 `TOGETHER`: factor for the sum over 3 x 3 pixels, as the blurred light of one facet raises S in about three pixels."""
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
 """Of the pixels that are bright by sparkle in all bands, one in ten has the spectrum of a target. One flash makes about
@@ -49,6 +49,10 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
+MANY, UNEXPLAINED, MOSTLY = 0.003, 5.0, 2 / 3
+"""`MANY`: share of water above which detections may be lasting flashes (0.4 to 3 %); 0.3 % is a boat on each hectare.
+`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `MOSTLY`: where
+flashes last, a flash is likelier than a target in 71 to 83 % of these pixels; for whitecaps and boats in 8 to 55 %."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
@@ -60,9 +64,6 @@ EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 SAME_PEAK, OUTLINE_REACH = 0.7, 2
 """`SAME_PEAK`: in a common peak, each band has at least 0.7 of its maximum over 3 x 3 pixels (not 1: noise and blur).
 `OUTLINE_REACH`: the edge of a target, blurred or hidden by sparkle in one band, extends over two pixels."""
-BLUR, VARIED = 0.012, 0.15
-"""Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
-blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
 DARK_FROM = 700.0  # wavelength from which water is dark, so that bands show mainly sparkle [nm]
 EXCESS_BINS, LOW = 40, -3.0
 """Number of bins of the histograms of asinh(excess / noise), and their lower end (an excess of -10 times the noise). A
@@ -80,6 +81,9 @@ class Targets:
     light: Sequence[float] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
     noise: Sequence[float] = ()  # standard deviation of noise over `light`
     water: Sequence[float] = ()  # radiance of water over `light`
+    glint: Sequence[float] = ()  # relative radiance of glint over `light`
+    time: Sequence[float] = ()  # time offset [s]
+    lasting: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
     full: Sequence[float] = ()  # value from which a band is saturated; empty if the bands span more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
@@ -110,6 +114,11 @@ class Targets:
         """Models of targets for each brightness (see `spectra.models`)."""
         return models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
+    @property
+    def flashes(self) -> list[Flash]:
+        """Models of flashes that last, for each brightness."""
+        return flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)))
+
     @cached_property
     def _steps(self) -> Float32:
         """`following` as an array (table, bin in the band before, bin)."""
@@ -131,30 +140,13 @@ class Targets:
         each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
-    def score(self, e: Float32) -> tuple[Float32, Places, Places]:
-        """S, index of the most likely spectrum and `brightness`, each (pixel,), of excesses `e` (band, pixel)."""
-        best, kind, level = -self.sparkle(e), np.empty(e.shape[1], np.intp), brightness(e)
-        row, column = np.triu_indices(len(e))
-        for n in np.unique(level):
-            i, (form, constant, _) = np.flatnonzero(level == n), self.models[n]
-            x = e[:, i] * np.float32(0.5**n)
-            p = constant - form @ (x[row] * x[column])
-            kind[i] = p.argmax(axis=0)
-            best[i] += p.max(axis=0)
-        return best, kind, level
-
-    def explained(self, e: Float32, kind: Kinds) -> Float32:
-        """Contrast (band, pixel) of targets with the spectra `kind` (pixel,): regression on excess `e`, at least 0."""
-        out, level = np.empty_like(e), brightness(e)
-        for n in np.unique(level):
-            i = np.flatnonzero(level == n)
-            out[:, i] = (self.models[n][2][kind[i]] @ e[:, i].T[:, :, None])[:, :, 0].T
-        return np.maximum(out, 0)
-
-
-def brightness(e: Float32) -> Places:
-    """Exponent, 0 to 16, of the power of 2 nearest to the largest excess, (pixel,); `e`: excess (band, pixel)."""
-    return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
+    def score(self, e: Float32) -> tuple[Float32, Places]:
+        """S and index of the most likely spectrum, each (pixel,), of excesses `e` (band, pixel)."""
+        target, flash, kind = likelihoods(e, self.models, self.flashes)
+        other = self.sparkle(e)
+        if self.lasting:
+            other = np.logaddexp(other, np.float32(np.log(self.lasting)) + flash)
+        return target - other, kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +215,7 @@ class Excess:
             lit = bright.sum(axis=0) >= FEWEST_LIT
             if self.afloat and dark:
                 lit &= bright[dark].any(axis=0)
-            found, kind.flat[i[lit]], _ = self.stage.score(e[:, lit])
+            found, kind.flat[i[lit]] = self.stage.score(e[:, lit])
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
             return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
 
@@ -236,25 +228,10 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio of target and sparkle around some pixels: a target has the same outline in all bands.
-
-        The residual is the share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum.
-        It is modelled as B - 1 normal variables: for a target with the variance of noise and blur, for sparkle with
-        `VARIED`. The worst band of each pixel is excluded, because sparkle beside a target affects single bands.
-        """
+        """Log likelihood ratio of target and sparkle around some pixels: a target has the same outline in all bands."""
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
-        at = [r * width + c for r in row for c in column]
-        patch = np.stack([self.at(i).T for i in at], axis=1).astype(np.float64)
-        power = (patch**2).sum(axis=(1, 2))
-        v = np.linalg.eigh(patch.swapaxes(1, 2) @ patch)[1][:, :, -1:]
-        rest = (patch - patch @ v @ v.swapaxes(1, 2)) ** 2
-        random = patch.shape[1] * patch.shape[2] / 2 / power  # half of it is in the worst bands
-        share = np.maximum((rest.sum(axis=2) - rest.max(axis=2)).sum(axis=1) / power - random, 0)
-        known = BLUR * (patch**2).sum(axis=2).max(axis=1) / power + random
-        varied = np.maximum(VARIED, known)
-        ratio = np.log(varied / known) - share * (1 / known - 1 / varied)
-        return np.asarray((patch.shape[2] - 1) / 2 * ratio, np.float32)
+        return same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
         """Flat indices of pixels, and the contrast to restore there, (band, pixel). Beside targets (`OUTLINE_REACH`) it
@@ -268,7 +245,7 @@ class Excess:
         if not places.size:
             return places, np.zeros((len(self.raw), 0), np.float32)
         e = self.at(places)
-        full = self.stage.explained(e, kind.flat[places])
+        full = contrast(e, kind.flat[places], self.stage.models)
         away, label = cv2.distanceTransformWithLabels(
             (~on).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
         )
@@ -317,16 +294,17 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     rate = RATE if number is None else number
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
-    blocks = [replace(x, stage=stage) for x in blocks]
-    found = [grown(stage.threshold < replace(x, afloat=False).scores()[1], 3).astype(np.float32) for x in blocks]
-    share = float(sample.values(found).mean())
+    share = found_share(stage, blocks, sample)
+    if share > MANY:
+        stage = with_flashes(stage, [e[:, m] for e, m in zip(planes, sample.inside, strict=True)])
+        share = found_share(stage, blocks, sample)
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
     return stage
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """A stage with `bands` as in `order` (by time), and `wavelengths`, `widths`, `light`, `noise` and `water`."""
+    """A stage with the properties of its bands, `wavelengths` to `time`; `order`: 0-based bands in order of time."""
     from ..physics.atmosphere import irradiance
 
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
@@ -338,8 +316,25 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
     light = np.sum(irradiance(inside, SUN_ZENITH), axis=0).mean(axis=1)
     s = np.array([noise([x.raw[b] for x in sample.states], sample.inside) for b in order])
     light *= np.median(s / light)
-    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light)]
+    glint, t = irradiance(inside, SUN_ZENITH).direct.mean(axis=1), np.asarray(setting.offsets)[list(order)]
+    numbers = [tuple(map(float, v)) for v in (w, widths, light, s / light, water / light, glint / light, t)]
     return Targets(tuple(order), *numbers)  # type: ignore[arg-type]
+
+
+def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
+    """Share of the sample's pixels that are targets, afloat or not."""
+    scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
+    return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
+
+
+def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
+    """The stage with `lasting`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
+    e, least = np.concatenate(sample, axis=1), EXCEEDS * np.array(stage.noise, np.float32)[:, None]
+    lit = e[:, (e > least).all(axis=0)]
+    target, flash, _kind = likelihoods(lit, stage.models, stage.flashes)
+    likelier = (flash > target)[np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED]
+    frequent = likelier.size > 0 and likelier.mean() > MOSTLY
+    return replace(stage, lasting=float(likelier.sum() / e.shape[1])) if frequent else stage
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
