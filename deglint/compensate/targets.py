@@ -49,10 +49,11 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
-MANY, UNEXPLAINED, MOSTLY = 0.003, 5.0, 2 / 3
+MANY, UNEXPLAINED, LIKELIER = 0.003, 5.0, 0.7
 """`MANY`: share of water above which detections may be lasting flashes (0.4 to 3 %); 0.3 % is a boat on each hectare.
-`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `MOSTLY`: where
-flashes last, a flash is likelier than a target in 71 to 83 % of these pixels; for whitecaps and boats in 8 to 55 %."""
+`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `LIKELIER`: the
+mean log likelihood ratio of flash and target in these pixels, within +- `UNEXPLAINED`, is above this (a factor of two)
+where flashes last: 1.2 to 2.6; for boats, swimmers and whitecaps it is -0.4 to 0.3."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
@@ -332,9 +333,10 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
     e, least = np.concatenate(sample, axis=1), EXCEEDS * np.array(stage.noise, np.float32)[:, None]
     lit = e[:, (e > least).all(axis=0)]
     target, flash, _kind = likelihoods(lit, stage.models, stage.flashes)
-    likelier = (flash > target)[np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED]
-    frequent = likelier.size > 0 and likelier.mean() > MOSTLY
-    return replace(stage, lasting=float(likelier.sum() / e.shape[1])) if frequent else stage
+    steady = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
+    ratio = np.clip(flash - target, -UNEXPLAINED, UNEXPLAINED)[steady]
+    frequent = ratio.size > 0 and ratio.mean() > LIKELIER
+    return replace(stage, lasting=float((ratio > 0).sum() / e.shape[1])) if frequent else stage
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
