@@ -153,7 +153,7 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
-    from ..raster.planned import check_plan
+    from ..raster.simulated import check_plan
     from ..readers.text import read_toml
     from . import planning
     from .console import Console
