@@ -58,11 +58,7 @@ class RasterSource:
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
-        self.files = tuple(files)
-        self.info = info
-        self._start()
-
-    def _start(self) -> None:
+        self.files, self.info = tuple(files), info
         self.deadline = math.inf  # time of time.monotonic() after which reads raise ReadError [s]
         self.pixels_read = 0  # pixels of all reads so far
         self._lock = threading.Lock()
@@ -78,14 +74,10 @@ class RasterSource:
         found.info, found.settled = info, True
         return found
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Files with absolute paths, as the copy may be used in another directory; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
-        return {"files": tuple(replace(f, path=p) for f, p in zip(self.files, paths, strict=True)), "info": self.info}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._start()
+        return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
 
     def __enter__(self) -> Self:
         return self
@@ -215,8 +207,8 @@ class ArraySource(RasterSource):
         super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
         self.values, self.origin = values, origin
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "values": self.values, "origin": self.origin}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ArraySource, (self.values, self.info, self.origin)
 
     def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))

@@ -17,8 +17,7 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
 from .names import nominal_wavelength
-from .products.metadata import angle_tags, tags_of
-from .products.product import ProductBand, filled
+from .products.metadata import ProductBand, angle_tags, filled, tags_of
 from .spectral import nanometres
 from .text import number, read_json
 

@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import Container, angle_tags, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, said, said_number, tags_of
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"

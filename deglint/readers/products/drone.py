@@ -21,8 +21,7 @@ import numpy as np
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
 from ..text import number, numbers, positive
-from .metadata import Container, MetadataError, tags_of, xml_of
-from .product import Product, ProductBand, filled
+from .metadata import Container, MetadataError, Product, ProductBand, filled, tags_of, xml_of
 
 METADATA = r"(?!)"  # matches nothing: the metadata are inside each image
 IMAGES = (

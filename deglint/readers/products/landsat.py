@@ -10,8 +10,7 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ..text import positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"

@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from ..text import positive
-from .metadata import Container, MetadataError, last, said, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, MetadataError, Product, ProductBand, last, said, tags_of
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
 IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"

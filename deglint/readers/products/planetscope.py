@@ -11,8 +11,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"

@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import numbers, positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
