@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ..errors import InputError
 from ..raster import FileBands, RasterSource
-from ..raster.info import describe_file, gdal_errors, one_line, quiet
+from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
 from .grid import at, nearest_on, same_grid
 from .text import read_json
@@ -224,3 +224,38 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
             "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
     return Area(whole, partial(_in_raster, nearest_on(info, scene)))
+
+
+def middle_of(path: str) -> tuple[float, float]:
+    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
+    from rasterio.warp import transform
+
+    if Path(path).suffix.lower() in (".geojson", ".json"):
+        document = read_json(path, "--place")
+        points = np.array([p for _kind, coordinates in geometries(document) for p in _points(coordinates)])
+        if not len(points):
+            raise InputError(f"{path} (--place) holds no point. Draw a point, a line or an area in it.")
+        x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        crs = crs_of(document, path)
+    else:
+        with open_dataset(path) as dataset:
+            crs, corner = dataset.crs, dataset.transform * (0.5 * dataset.width, 0.5 * dataset.height)
+        if crs is None:
+            raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
+        x, y = corner
+    try:
+        (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
+    except gdal_errors(ValueError) as error:
+        raise InputError(f"{path} (--place) has a place that cannot be found: {one_line(error)}.") from error
+    if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
+        raise InputError(f"{path} (--place) lies nowhere on Earth in its CRS. Give --lat and --lon.")
+    return float(latitude), float(longitude)
+
+
+def _points(node: Any) -> Iterator[tuple[float, float]]:
+    """Yield the points (x, y) in the coordinates of a geometry, which are lists nested to any depth."""
+    if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
+        yield float(node[0]), float(node[1])
+    elif isinstance(node, list):
+        for child in node:
+            yield from _points(child)

@@ -1,7 +1,7 @@
-"""Put several files on one grid: choose the grid, and resample the files.
+"""The grid of pixels: the size of pixels on the ground, and several files on one grid.
 
-The grid comes from the file with the smallest pixels, or from a selected file. Files on other grids are resampled while
-they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
+The grid of several files is that of the file with the smallest pixels, or of a selected file. Files on other grids are
+resampled while they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
 """
 
 import math
@@ -9,12 +9,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..raster.info import describe_file
+from ..raster.info import describe_file, gdal_errors
 from ..scene import Scene
+from .text import positive
 
 _OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
+_GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
+_TRUE = 0.01  # relative error of lengths in a map projection that is neglected; UTM has at most 0.001
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
@@ -177,3 +182,53 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
         file = replace(file, alpha=info.count + 1)
         warp["add_alpha"] = True
     return replace(file, warp=warp, masked=False)
+
+
+def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
+    """Sides of the central pixel of a raster on the ground [m]: along a row, and along a column.
+
+    They are distances on the ellipsoid, as coordinates may be degrees, and the metres of web Mercator are too long by
+    1 / cos(latitude). `height` and `width` are the size of the raster [pixel]. None without a valid CRS and transform.
+    """
+    from rasterio.warp import transform as to_crs
+
+    if transform is None or crs is None or transform.is_identity:
+        return None
+    x, y = transform * (0.5 * width, 0.5 * height)
+    steps = (transform.a, transform.d), (transform.b, transform.e)
+    xs, ys = zip(*((x + end * dx, y + end * dy) for dx, dy in steps for end in (-0.5, 0.5)), strict=True)
+    try:
+        places = np.array(to_crs(crs, _GEOCENTRIC, xs, ys, zs=[0.0] * 4))
+    except gdal_errors(ValueError):
+        return None
+    across, down = np.linalg.norm(places[:, 1::2] - places[:, ::2], axis=0).tolist()
+    if not all(0.0 < side < math.inf for side in (across, down)):
+        return None
+    if crs.is_projected:
+        unit = float(crs.linear_units_factor[1])
+        stated = unit * math.hypot(*steps[0]), unit * math.hypot(*steps[1])
+        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), stated, strict=True)):
+            return stated
+    return across, down
+
+
+def pixel_size(scene: Scene) -> float | None:
+    """Mean side of a pixel on the ground [m], from georeferencing or else the tag GSD_M; None if not known."""
+    info = getattr(scene.source, "info", None)
+    if scene.transform is None or scene.transform.is_identity:
+        tags = info.tags.get("", {}) if info is not None else {}
+        return positive(tags.get("GSD_M"))
+    sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
+    return None if sides is None else math.sqrt(sides[0] * sides[1])
+
+
+def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
+    """Area of the central pixel of a raster on the ground [m2]; None if `ground_size` returns None.
+
+    Rows and columns need not be perpendicular; the angle between them is taken from the raster's coordinates.
+    """
+    sides = ground_size(transform, crs, height, width)
+    if sides is None:
+        return None
+    lengths = math.hypot(transform.a, transform.d) * math.hypot(transform.b, transform.e)
+    return sides[0] * sides[1] * abs(transform.determinant) / lengths
