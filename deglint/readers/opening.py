@@ -21,11 +21,12 @@ from ..raster import RasterInfo, RasterSource
 from ..raster.convert import holds
 from ..raster.info import describe_file
 from ..scene import Scene
-from . import products, stac
+from . import products
 from .bands import bands_of, labelled
 from .grid import put_on_grid
 from .names import example_names
 from .roles import Wanted, explain_nir, split_wanted
+from .scenes import assets_of
 from .sensorfile import sensor_of
 from .spectral import SPECTRAL_RANGE, Spectral, nanometres, own_facts, with_spectral
 
@@ -133,7 +134,7 @@ def _opened(
     paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
 ) -> list[products.OpenedFiles]:
     """Describe the files that the names stand for, with properties from STAC Items; notes are appended to `notes`."""
-    assets = [asset for path in paths for asset in stac.assets_of(path)]
+    assets = [asset for path in paths for asset in assets_of(path)]
     alone = stated.count if len(assets) == 1 else None
     found = []
     for asset in assets:
