@@ -129,10 +129,8 @@ def encode(
     clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
     where `physical` is not finite, nor outside `where` (row, column).
 
-    Returns
-    -------
-    (len(bands), row, column) ndarrays of bool
-        Two masks: negative physical values; and values that were clipped, with integers that were moved off `nodata`.
+    Returns two masks (len(bands), row, column): negative physical values; and values that were clipped, with integers
+    that were moved off `nodata`.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):

@@ -130,12 +130,10 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     tags = tags_of({k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)} | _angles(facts))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
-    chosen = keys or _chosen(assets, what)
     found = []
-    for key in chosen:
+    for key in keys or _chosen(assets, what):
         file = href(assets[key], path)
-        facts = [{k: v for k, v in said.items() if k != "common"} for said in _said(assets[key], key, applied=applied)]
-        bands = [ProductBand(file, number=i, **said) for i, said in enumerate(facts, start=1)]
+        bands = [band for _, band in _said(assets[key], key, file, applied=applied)]
         found.append(Asset(file, tuple(bands), tags))
     return found
 
@@ -159,14 +157,14 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     said = {k: _said(a, k) for k, a in usable.items()}
     singles: dict[str, str] = {}
     for key, bands in said.items():
-        if len(bands) == 1 and "wavelength" in bands[0] and bands[0].get("common") not in _NOT_BANDS:
-            name = str(bands[0]["name"])
+        if len(bands) == 1 and bands[0][1].wavelength is not None and bands[0][0] not in _NOT_BANDS:
+            name = bands[0][1].name
             tiff = "tiff" in str(usable[key].get("type"))  # of two formats TIFF is used, as it is read in parts
             if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
                 singles[name] = key
     several = [k for k, bands in said.items() if len(bands) > 1]
     if len(singles) > 1:
-        return sorted(singles.values(), key=lambda k: said[k][0]["wavelength"])
+        return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(several) == 1:
         return several
     data = [k for k, a in rasters.items() if "data" in (a.get("roles") or ())]
@@ -179,8 +177,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     )
 
 
-def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any], ...]:
-    """Properties of the bands of an asset: name, common name, wavelength and width [nm], scale, offset, nodata, unit.
+def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
+    """Common name and properties of each band of an asset, whose `file` has this GDAL name.
 
     They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `key` is the name of a
     band without one. `applied`: the offset of the Item was applied to the file values before; the one returned is 0.
@@ -196,18 +194,13 @@ def _said(asset: Any, key: str, *, applied: bool = False) -> tuple[dict[str, Any
         common = str(said.get("common_name") or "")
         name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
         centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
-        facts = {
-            "name": name,
-            "common": common,
-            "wavelength": nanometres(centre, "um") if centre else nominal_wavelength(common or name),
-            "width": nanometres(width, "um") if width else None,
-            "scale": number(said.get("scale")) or None,
-            "offset": 0.0 if applied else number(said.get("offset")),
-            "nodata": number(said.get("nodata")),
-            "unit": said.get("unit") if isinstance(said.get("unit"), str) else None,
-        }
-        found.append({k: v for k, v in facts.items() if v is not None})
-    return tuple(found)
+        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
+        band = ProductBand(file, name, i + 1, wavelength, nanometres(width, "um") if width else None)
+        scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
+        unit = said["unit"] if isinstance(said.get("unit"), str) else None
+        offset = 0.0 if applied or offset is None else offset
+        found.append((common, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
+    return found
 
 
 def href(asset: Any, path: str) -> str:
@@ -239,15 +232,11 @@ class ListedScene:
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
     """List the scenes that arguments of a command name, in their order.
 
-    Parameters
-    ----------
-    given : sequence of str
-        GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
-        files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
-        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
-    assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as bands,
-        else the only raster with the role "data", else the only raster.
+    given : GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of
+        local files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
+        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``)
+    assets : keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as
+        bands, else the only raster with the role "data", else the only raster.
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:

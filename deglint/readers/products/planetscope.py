@@ -77,12 +77,10 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
     """The bands of an image with four or eight bands, and the sensor preset of its instrument (None: no preset)."""
-    sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     if eight:
-        names = tuple(b.name for b in sensors.load("planetscope8").bands)
+        names = [b.name for b in sensors.load("planetscope8").bands]
         return [ProductBand(path, name, i, nodata=0.0) for i, name in enumerate(names, start=1)], "planetscope8"
+    sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     optics = DOVE if instrument == "PS2" else ((None, None),) * len(FOUR)
-    return [
-        ProductBand(path, name, i, wavelength=w, width=h, nodata=0.0)
-        for i, (name, (w, h)) in enumerate(zip(FOUR, optics, strict=True), start=1)
-    ], sensor
+    known = zip(FOUR, optics, strict=True)
+    return [ProductBand(path, name, i, w, h, nodata=0.0) for i, (name, (w, h)) in enumerate(known, start=1)], sensor

@@ -113,10 +113,12 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
         re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
     }
     presets = {b.name: b for b in sensors.load("sentinel2").bands}
+    masks = container.matches(_MASK)
     found = []
     for name, file in files.items():
         own = spectral.get(name)
         place = str(list(PIXELS).index(name)) if own is None else own.get("bandId")
+        footprints = (m for m, match in masks if match["band"].upper() == name and m.startswith(_granule(file)))
         found.append(
             ProductBand(
                 path=container.gdal(file),
@@ -128,7 +130,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
                 unit="reflectance" if known else None,
                 nodata=special.get("NODATA", 0.0),
                 saturation=special.get("SATURATED", FULL),
-                footprint=_mask(container, name, file),
+                footprint=next(map(container.gdal, footprints), None),
             )
         )
     return found
@@ -139,13 +141,6 @@ def _width(spectral: ET.Element | None) -> float | None:
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
     step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
-
-
-def _mask(container: Container, band: str, file: str) -> str | None:
-    """GDAL name of the raster with the detector numbers of a band; None if there is none."""
-    granule, masks = _granule(file), container.matches(_MASK)
-    fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
-    return next(map(container.gdal, fits), None)
 
 
 def _angles(container: Container, granule: str) -> dict[str, str]:
