@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from ..raster import FileBands, RasterSource
+from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
 from .grid import at, nearest_on, same_grid
@@ -88,11 +88,19 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
             )
         column, row, width, height = map(int, parts)
         area = window_area(((row, row + height), (column, column + width)))
-        return _inside(area, scene, f"{option} {text}", "A window is column,row,width,height.")
-    if Path(text).suffix.lower() in (".geojson", ".json"):
-        area = polygons(read_json(text, option), scene, text)
-        return _inside(area, scene, f"{option} {text}", "Check the CRS, or draw it anew.")
-    return _raster_area(text, scene, option)
+        remedy = "A window is column,row,width,height."
+    elif Path(text).suffix.lower() in (".geojson", ".json"):
+        area, remedy = polygons(read_json(text, option), scene, text), "Check the CRS, or draw it anew."
+    else:
+        return _raster_area(text, scene, option)
+    (top, bottom), (left, right) = area.bounds
+    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
+    if rows[0] >= rows[1] or columns[0] >= columns[1]:
+        raise InputError(
+            f"{option} {text} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the "
+            f"scene has {scene.height} rows and {scene.width} columns. {remedy}"
+        )
+    return replace(area, bounds=(rows, columns))
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
@@ -200,30 +208,17 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
         raise InputError(f"{name} names a CRS that is not known. Save it in EPSG:4326.") from error
 
 
-def _inside(area: Area, scene: Scene, name: str, remedy: str) -> Area:
-    """The area with its bounds clipped to the scene; InputError if it lies outside."""
-    (top, bottom), (left, right) = area.bounds
-    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
-    if rows[0] >= rows[1] or columns[0] >= columns[1]:
-        raise InputError(
-            f"{name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the scene has "
-            f"{scene.height} rows and {scene.width} columns. {remedy}"
-        )
-    return replace(area, bounds=(rows, columns))
-
-
 def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
-    whole = ((0, scene.height), (0, scene.width))
     apart = info.crs is None or scene.crs is None
-    if apart and (info.height, info.width) == (scene.height, scene.width):  # equal size: the grid of the scene
-        return Area(whole, partial(_in_raster, RasterSource([FileBands.of(info)], info)))
+    if apart and (info.height, info.width) == (scene.height, scene.width):
+        info = replace(info, transform=None)  # equal size: the grid of the scene
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
-    return Area(whole, partial(_in_raster, nearest_on(info, scene)))
+    return Area(((0, scene.height), (0, scene.width)), partial(_in_raster, nearest_on(info, scene)))
 
 
 def middle_of(path: str) -> tuple[float, float]:

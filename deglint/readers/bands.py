@@ -8,26 +8,19 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from os.path import commonprefix
 
 from .. import sensors
 from ..errors import BandError
 from ..raster import RasterInfo
 from ..scene import Band
 from ..sensors import Sensor, SensorBand
-from .names import (
-    band_code,
-    example_names,
-    letter_wavelengths,
-    nominal_wavelength,
-    only_numbered,
-    plain_name,
-    short_names,
-    wavelength_in_name,
-)
+from .names import band_code, example_names, letter_wavelengths, nominal_wavelength, plain_name, wavelength_in_name
 from .sensorfile import sensor_of
-from .spectral import Spectral, saturation, spectral_of, time_offset, with_spectral
+from .spectral import saturation, spectral_of, time_offset, with_spectral
 
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
+_PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
 _SENTINEL2 = re.compile(r"b0\d|b0?8a")
 _PRESET_TITLES = {"sentinel2": "Sentinel-2", "landsat8": "Landsat 8 or 9"}
 _NEAR_BAND = 30.0  # largest difference at which wavelengths are matched [nm]
@@ -45,12 +38,12 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     bands = [
         Band(
             name=name,
-            wavelength=known.wavelength or (None if i in unnamed else wavelength_in_name(name)),
-            width=known.width,
+            wavelength=wavelength or (None if i in unnamed else wavelength_in_name(name)),
+            width=width,
             time_offset=time_offset(info.band_tags[i]),
             saturation=saturation(info, i),
         )
-        for i, (name, known) in enumerate(zip(names, spectral_of(info), strict=True))
+        for i, (name, (wavelength, width)) in enumerate(zip(names, spectral_of(info), strict=True))
     ]
     bands, preset, told = _with_sensor(bands, info, sensor, unnamed)
     bands, guessed = _from_names(bands, unnamed)
@@ -63,7 +56,7 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return with_spectral(replace(info, descriptions=names), [Spectral(b.wavelength, b.width) for b in bands])
+    return with_spectral(replace(info, descriptions=names), [(b.wavelength, b.width) for b in bands])
 
 
 def _with_sensor(
@@ -89,8 +82,6 @@ def _with_sensor(
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
     """Fill missing wavelengths from names: unambiguous codes of a sensor, else colours; return the bands, and notes."""
-    if all(b.wavelength is not None for b in bands):
-        return bands, []
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     letters = letter_wavelengths([b.name for b in bands])
@@ -143,6 +134,29 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
         if seen[name.casefold()] > 1:
             names[i] = f"{name} ({seen[name.casefold()]})"
     return names, frozenset(unnamed)
+
+
+def only_numbered(names: Sequence[str]) -> bool:
+    """Whether the names only number the bands in order: "Band 1", "Band 2", ..."""
+    found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
+    return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
+
+
+def short_names(stems: Sequence[str]) -> list[str]:
+    """Names of bands from names of files with one band: the code ("B08"), else the part that differs between files."""
+    codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
+    rest = list(stems)
+    if len(stems) > 1 and all(stems):
+        split = [re.split(r"([\s_\-.]+)", s) for s in stems]
+        least = min(map(len, split)) - 1  # at least one part of each name remains
+        front, back = (
+            min(len(commonprefix(parts)), least)  # noqa: RUF071  (parts of names, not of paths)
+            for parts in (split, [s[::-1] for s in split])
+        )
+        cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
+        if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
+            rest = cut
+    return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
 def apply_sensor(

@@ -6,7 +6,6 @@ the sensor and is interpreted by the sensor presets.
 
 import re
 from collections.abc import Sequence
-from os.path import commonprefix
 
 _WORDS = {
     425.0: "violet",
@@ -48,7 +47,6 @@ _BARE = re.compile(
     _NAME_PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
 )
 _CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
-_PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
 _RANGE = (380.0, 2500.0)  # a number in a name can be a wavelength in this range [nm]
 _YEARS = (1970.0, 2100.0)  # a number without a unit in this range can be a year
 _NEAR_NOMINAL = 0.4
@@ -114,29 +112,6 @@ def plain_name(name: str) -> str:
     text = name.strip().lower()
     rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
-
-
-def only_numbered(names: Sequence[str]) -> bool:
-    """Whether the names only number the bands in order: "Band 1", "Band 2", ..."""
-    found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
-    return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
-
-
-def short_names(stems: Sequence[str]) -> list[str]:
-    """Names of bands from names of files with one band: the code ("B08"), else the part that differs between files."""
-    codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
-    rest = list(stems)
-    if len(stems) > 1 and all(stems):
-        split = [re.split(r"([\s_\-.]+)", s) for s in stems]
-        least = min(map(len, split)) - 1  # at least one part of each name remains
-        front, back = (
-            min(len(commonprefix(parts)), least)  # noqa: RUF071  (parts of names, not of paths)
-            for parts in (split, [s[::-1] for s in split])
-        )
-        cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
-        if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
-            rest = cut
-    return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
 def example_names(count: int) -> str:

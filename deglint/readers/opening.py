@@ -28,7 +28,7 @@ from .names import example_names
 from .roles import Wanted, explain_nir, split_wanted
 from .scenes import assets_of
 from .sensorfile import sensor_of
-from .spectral import SPECTRAL_RANGE, Spectral, nanometres, own_facts, with_spectral
+from .spectral import SPECTRAL_RANGE, nanometres, own_facts, with_spectral
 
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]
@@ -241,7 +241,7 @@ class Stated:
                     "file's order; -b chooses bands."
                 )
         return replace(
-            with_spectral(info, [Spectral(w) for w in self.wavelengths]) if self.wavelengths else info,
+            with_spectral(info, [(w, None) for w in self.wavelengths]) if self.wavelengths else info,
             descriptions=self.names or info.descriptions,
             scales=scales or info.scales,
             offsets=offsets or info.offsets,

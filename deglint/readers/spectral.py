@@ -5,7 +5,7 @@ Tags have many spellings. A number without a unit is in micrometres up to 30 and
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,14 +21,8 @@ _LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is i
 _WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
 SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag can be a wavelength in this range [nm]
 _WIDEST_FILLED_TYPE = 16  # detectors fill the range of integers of up to so many bits
-
-
-@dataclass(frozen=True, slots=True)
-class Spectral:
-    """Centre wavelength and full width at half maximum of a band [nm], if known."""
-
-    wavelength: float | None = None
-    width: float | None = None
+Spectral = tuple[float | None, float | None]
+"""Centre wavelength and full width at half maximum of a band [nm]; None if not known."""
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
@@ -36,26 +30,26 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
     unit = _first(info.tags, _UNIT_TAG, "")
     wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
     unknown: list[tuple[float | None, str]] = [(None, "")]
-    found = []
+    found: list[Spectral] = []
     for i, tags in enumerate(info.band_tags):
         own_unit = _first(tags, _UNIT_TAG, unit)
         ((value, stated),) = _stated(tags, _WAVELENGTH, 1) or wavelengths[i : i + 1] or unknown
         wavelength = None if value is None else nanometres(value, stated or own_unit)
         if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
-            found.append(Spectral())
+            found.append((None, None))
             continue
         ((width, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
         if width is not None:
             width = nanometres(width, stated or own_unit or ("um" if width < _WIDEST_MICROMETRE else "nm"))
-        found.append(Spectral(wavelength, width))
+        found.append((wavelength, width))
     return found
 
 
 def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
     """A copy of `info` with these wavelengths and widths in the tags of its bands; None keeps the tag of the file."""
     every = []
-    for own, new in zip(info.band_tags, spectra, strict=True):
-        facts = {"wavelength_nm": new.wavelength, "fwhm_nm": new.width}
+    for own, (wavelength, width) in zip(info.band_tags, spectra, strict=True):
+        facts = {"wavelength_nm": wavelength, "fwhm_nm": width}
         tags = {name: f"{value:.10g}" for name, value in facts.items() if value is not None}
         every.append({**own, "": {**own.get("", {}), **tags}})
     return replace(info, band_tags=tuple(every))
