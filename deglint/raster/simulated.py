@@ -122,6 +122,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
     import scipy
 
     setup, light = scene.setup, scene.light
+    layers = {"truth": scene.truth, "truth_water": scene.truth_water, "glint": scene.glint}
     bands = [
         {
             "name": band.name,
@@ -132,9 +133,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
             "direct_irradiance": float(light.direct[i]),
             "diffuse_irradiance": float(light.diffuse[i]),
             "water_radiance": float(light.water[i]),
-            "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
-            "mean_truth_water": float(scene.truth_water[i].mean(dtype=np.float64)),
-            "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
+            **{f"mean_{name}": float(values[i].mean(dtype=np.float64)) for name, values in layers.items()},
             "glint_fraction": float(scene.glint_mask[i].mean()),
             "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),
         }
