@@ -170,11 +170,6 @@ def _discard(*paths: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def free_bytes(directory: Path) -> int:
-    """Free space of the disk that holds a directory [byte]."""
-    return shutil.disk_usage(directory).free
-
-
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
     """Turn errors that occur while `target` is written into WriteError or InputError with one line of text."""
@@ -184,7 +179,7 @@ def write_errors(target: Path) -> Iterator[None]:
         raise
     except gdal_errors(OSError) as error:
         text = " ".join(map(str, (error, error.__cause__, error.__context__)))
-        if "No space left" in text or free_bytes(target.parent) < 1 << 20:
+        if "No space left" in text or shutil.disk_usage(target.parent).free < 1 << 20:
             why = f"the disk is full ({target.parent}); free some space"
         elif isinstance(error, ReadError) or DISK_FULL in text or "rite error" in text:
             why = DISK_FULL  # a ReadError: what was just written cannot be read again

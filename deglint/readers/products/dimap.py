@@ -37,9 +37,7 @@ def find(container: Container) -> Product | None:
             found.append((member, root, tiles))
     if not found:
         return None
-    if len(found) > 1:
-        raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))
-    member, root, tiles = found[0]
+    member, root, tiles = container.only(found, "multispectral images", (container.gdal(m) for m, *_ in found))
     for tile in tiles:
         if container.beside(member, tile) is None:
             raise InputError(

@@ -52,10 +52,9 @@ def find(container: Container) -> Product | None:
     captures = {k: v for k, v in captures.items() if len(v) > 1}
     if not captures:
         return None
-    if len(captures) > 1:
-        files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
-        raise container.several("captures", sorted(captures), f"Name the files of one: {files}")
-    ((capture, members),) = captures.items()
+    files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
+    every = list(captures.items())
+    capture, members = container.only(every, "captures", sorted(captures), f"Name the files of one: {files}")
     return _product(container, PurePosixPath(capture).name, members)
 
 

@@ -39,9 +39,7 @@ def find(container: Container) -> Product | None:
     if not images:
         return None
     scenes = sorted({m["scene"] for _, m in images})
-    if len(scenes) > 1:
-        raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
-    (scene,) = scenes
+    scene = container.only(scenes, "Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
     own = sorted(
         (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)

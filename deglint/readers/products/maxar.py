@@ -47,10 +47,10 @@ def find(container: Container) -> Product | None:
                 raise MetadataError(member, "it has no group BAND_")
             if len(_letters(root)) > 1 or named:
                 found.append((stem, image, root))
-    if len(found) > 1:
-        names = (container.gdal(stem) for stem, *_ in found)
-        raise container.several("multispectral images", names, "Name the .IMD file of one.")
-    return _product(container, *found[0]) if found else None
+    if not found:
+        return None
+    names = (container.gdal(stem) for stem, *_ in found)
+    return _product(container, *container.only(found, "multispectral images", names, "Name the .IMD file of one."))
 
 
 def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:

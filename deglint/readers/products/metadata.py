@@ -11,11 +11,11 @@ import os
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import groupby, islice
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -25,6 +25,7 @@ from ...raster import FlatField, RasterInfo
 from ...raster.info import describe, open_dataset
 from ..text import number
 
+Item = TypeVar("Item")
 MOST_MEMBERS = 20_000  # at most so many files of a folder are listed, as it need not be a product and may be large
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
@@ -67,10 +68,11 @@ class Container:
         """Members whose file name matches a regular expression; case is ignored."""
         return [member for member, _ in self.matches(pattern)]
 
-    def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
-        """Error to raise if there are several items and one is expected; its message lists up to four."""
-        every = list(names)
-        return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
+    def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
+        """The one item that was found; InputError, which lists up to four of the `names`, if there are several."""
+        if len(found) > 1:
+            raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
+        return found[0]
 
     def beside(self, member: str, name: str) -> str | None:
         """The member called `name` in the folder of `member`, or None; case is ignored."""
@@ -269,20 +271,13 @@ class Product:
     notes: tuple[str, ...] = ()  # what was left out or could not be used, one line each
     texts: tuple[str, ...] = ()  # GDAL names of the metadata files that were read
 
-    @property
-    def files(self) -> dict[str, tuple[ProductBand, ...]]:
-        """The bands of each file, by its GDAL name, in order."""
-        found: dict[str, tuple[ProductBand, ...]] = {}
-        for band in self.bands:
-            found[band.path] = (*found.get(band.path, ()), band)
-        return found
-
 
 def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
     """Describe the files of a product, and return notes; metadata and headers are read, no pixels."""
     infos = []
     notes = list(product.notes)
-    for path, bands in product.files.items():
+    for path, group in groupby(product.bands, key=lambda band: band.path):
+        bands = tuple(group)
         with open_dataset(path) as dataset:
             info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
         if info.count != len(bands) and len(bands) > 1:

@@ -34,9 +34,7 @@ def find(container: Container) -> Product | None:
         images = {n: match for n, match in images.items() if last(n).startswith(stem)}
     if not images:
         return None
-    if len(images) > 1:
-        raise container.several("PlanetScope images", map(last, images))
-    ((image, match),) = images.items()
+    image, match = container.only(list(images.items()), "PlanetScope images", map(last, images))
     root, notes = ET.Element("scene"), list[str]()
     root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
     surface, nodes = match["surface"] is not None, root.iter("bandSpecificMetadata")

@@ -37,12 +37,10 @@ def find(container: Container) -> Product | None:
         metadata = [container.named]
     if not images or not (metadata or any("IMG_DATA" in PurePosixPath(n).parts for n in images)):
         return None
-    if len(metadata) > 1:
-        raise container.several("Sentinel-2 products", metadata)
-    granules = {_granule(n) for n in images} - {""}
-    if len(granules) > 1:
-        raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
-    root = container.tree(metadata[0], "Product_Image_Characteristics") if metadata else None
+    main = container.only(metadata or [""], "Sentinel-2 products", metadata)
+    granules = sorted({_granule(n) for n in images} - {""})
+    granule = container.only(granules or [""], "granules", map(container.gdal, granules), "Name the folder of one.")
+    root = container.tree(main, "Product_Image_Characteristics") if main else None
     notes = [] if metadata else [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {_AS_STORED}"]
     single = container.named in images
     chosen, left = _chosen(images, single=single)
@@ -60,7 +58,7 @@ def find(container: Container) -> Product | None:
     facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
              "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, next(iter(granules), ""))
+    tags |= _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
