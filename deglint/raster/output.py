@@ -24,7 +24,7 @@ from .. import __version__
 from ..errors import InputError, WriteError
 from ..scene import Window
 from .info import RasterInfo, open_dataset, quiet
-from .scratch import DISK_FULL, Scratch, write_errors
+from .targets import DISK_FULL, Scratch, write_errors
 
 BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
 OVERVIEWS_FROM = 1024  # longer side from which on an image gets overviews [pixel], as COG validators require

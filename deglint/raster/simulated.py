@@ -17,8 +17,7 @@ import numpy as np
 from .. import __version__
 from ..errors import InputError, WriteError
 from .output import Layer, plain, write_bytes, write_json
-from .scratch import Scratch, write_errors
-from .targets import Reads, check_targets
+from .targets import Reads, Scratch, check_targets, write_errors
 
 CRS = "EPSG:32610"  # of every scene: UTM zone 10 north
 CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
