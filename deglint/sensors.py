@@ -88,11 +88,7 @@ class Sensor:
 
 
 def names() -> tuple[str, ...]:
-    """Names of the sensor presets.
-
-    >>> "worldview3" in names()
-    True
-    """
+    """Names of the sensor presets."""
     return tuple(_table())
 
 
@@ -115,11 +111,8 @@ def load(name: str) -> Sensor:
 
 def find(name: str) -> Sensor | None:
     """The sensor preset with this name or alias, as `load`, but None if there is no such preset."""
-    wanted = normalise(name)
-    for sensor in _table().values():
-        if wanted in map(normalise, (sensor.name, *sensor.aliases)):
-            return sensor
-    return None
+    wanted, every = normalise(name), _table().values()
+    return next((s for s in every if wanted in map(normalise, (s.name, *s.aliases))), None)
 
 
 def normalise(name: str) -> str:

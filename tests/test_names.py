@@ -12,7 +12,7 @@ from deglint.errors import BandError, DeglintError, InputError, ReadError
 from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
 from deglint.readers.bands import match, only_numbered, short_names
-from deglint.readers.names import band_code, example_names, letter_wavelengths, plain_name, wavelength_in_name
+from deglint.readers.spectral import band_code, example_names, letter_wavelengths, plain_name, wavelength_in_name
 from deglint.scene import Band
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"

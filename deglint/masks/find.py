@@ -102,8 +102,6 @@ def fit_water(
 
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
-    Examples
-    --------
     >>> sea = np.stack([np.full((32, 32), 0.05), np.full((32, 32), 0.01)])
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True

@@ -93,8 +93,6 @@ class _Local(NamedTuple):
 def away_from_shore(mask: Mask) -> Mask:
     """Mask (row, column) of the water pixels that lie in squares of water of `SHORE` x `SHORE` pixels.
 
-    Examples
-    --------
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
     >>> int(away_from_shore(lake).sum())

@@ -137,10 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """End of a sentence after the word "it": what kind of file GDAL could not read, and a remedy.
-
-    The format is recognised from the content, as file endings are often wrong.
-    """
+    """End of a sentence after the word "it": what a file is by its content, that GDAL could not read, and a remedy."""
     place = Path(path)
     try:
         if place.is_dir():

@@ -51,12 +51,9 @@ def levels(height: int, width: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Layout:
-    """How an output raster is written: its bands, type, nodata, tile size and GDAL creation options.
+    """How an output raster is written: its bands, type, nodata, tile size and GDAL creation options."""
 
-    All other properties come from the input (`info`).
-    """
-
-    info: RasterInfo  # properties of the input; those that also hold for the output are kept
+    info: RasterInfo  # of the input; the output keeps all properties that also hold for it
     bands: tuple[int, ...]  # 0-based bands of `info` that the output has
     dtype: str  # name of a numpy type
     nodata: float | None = None
@@ -69,10 +66,7 @@ class Layout:
 
     @property
     def overviews(self) -> bool:
-        """Whether overviews (reduced copies of the image) are added to the file.
-
-        The longer side has at least `OVERVIEWS_FROM` pixels, and the creation option OVERVIEWS is not NONE.
-        """
+        """Whether the file gets overviews: `levels` has some for its size, and the option OVERVIEWS is not NONE."""
         given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 

@@ -94,19 +94,11 @@ def _local(name: str) -> list[str]:
 
 
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
-    """Check, before anything is written, that outputs can and may be written.
+    """Check, before anything is written, that outputs are different files that can and may be written.
 
     `reads` are all input names of a run, by role; all files behind them are protected, and names that are not files
     ("auto") are skipped. With `overwrite`, existing files may be replaced, but no input file.
     """
-    check_apart(targets)
-    check_unread(targets, reads or {})
-    for target in targets:
-        check_target(target, overwrite=overwrite)
-
-
-def check_apart(targets: Sequence[Path]) -> None:
-    """Check that outputs are different files, and that GDAL would not read one as part of another."""
     taken: dict[tuple[int, int] | str, Path] = {}
     for target in targets:
         if identity(target) in taken:
@@ -116,6 +108,9 @@ def check_apart(targets: Sequence[Path]) -> None:
         for companion in _companions(target):
             if (other := taken.get(identity(companion))) is not None:
                 raise InputError(f"{other} would be read as a part of {target}. Give that output another name.")
+    check_unread(targets, reads or {})
+    for target in targets:
+        check_target(target, overwrite=overwrite)
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
@@ -237,10 +232,7 @@ class Scratch:
 
 @contextlib.contextmanager
 def _signals_held() -> Iterator[None]:
-    """Hold signals that arrive within the block, and raise them at its end.
-
-    This has an effect in the main thread only, as Python handles signals there.
-    """
+    """Hold signals that arrive within the block, and raise them at its end; only in the main thread, which has them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

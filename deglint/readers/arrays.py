@@ -16,8 +16,8 @@ from ..raster import RasterInfo
 from ..raster.source import ArraySource
 from ..scene import Scene
 from .bands import bands_of
-from .names import nominal_wavelength
 from .opening import with_nodata
+from .spectral import nominal_wavelength
 
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")

@@ -15,9 +15,8 @@ from ..errors import BandError
 from ..raster import RasterInfo
 from ..scene import Band
 from ..sensors import Sensor, SensorBand
-from .names import band_code, example_names, letter_wavelengths, nominal_wavelength, plain_name, wavelength_in_name
+from . import spectral
 from .sensorfile import sensor_of
-from .spectral import saturation, spectral_of, time_offset, with_spectral
 
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
 _PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
@@ -38,12 +37,12 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     bands = [
         Band(
             name=name,
-            wavelength=wavelength or (None if i in unnamed else wavelength_in_name(name)),
+            wavelength=wavelength or (None if i in unnamed else spectral.wavelength_in_name(name)),
             width=width,
-            time_offset=time_offset(info.band_tags[i]),
-            saturation=saturation(info, i),
+            time_offset=spectral.time_offset(info.band_tags[i]),
+            saturation=spectral.saturation(info, i),
         )
-        for i, (name, (wavelength, width)) in enumerate(zip(names, spectral_of(info), strict=True))
+        for i, (name, (wavelength, width)) in enumerate(zip(names, spectral.spectral_of(info), strict=True))
     ]
     bands, preset, told = _with_sensor(bands, info, sensor, unnamed)
     bands, guessed = _from_names(bands, unnamed)
@@ -56,7 +55,7 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return with_spectral(replace(info, descriptions=names), [(b.wavelength, b.width) for b in bands])
+    return spectral.with_spectral(replace(info, descriptions=names), [(b.wavelength, b.width) for b in bands])
 
 
 def _with_sensor(
@@ -84,11 +83,11 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
     """Fill missing wavelengths from names: unambiguous codes of a sensor, else colours; return the bands, and notes."""
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
-    letters = letter_wavelengths([b.name for b in bands])
+    letters = spectral.letter_wavelengths([b.name for b in bands])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, letters, strict=True)):
         own = None if sensor is None or i in unnamed else named_in(band.name, sensor)
-        nominal = own.wavelength if own else letter or (None if sensor else nominal_wavelength(band.name))
+        nominal = own.wavelength if own else letter or (None if sensor else spectral.nominal_wavelength(band.name))
         filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
     changed = [b.name for b, old in zip(filled, bands, strict=True) if b is not old and b.wavelength]
     if changed and sensor:
@@ -105,20 +104,17 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
     Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
     """
     plain = [sensors.normalise(n) for n in names]
-    codes = {c for n in names if (c := band_code(n))}
+    codes = {c for n in names if (c := spectral.band_code(n))}
     if any(p.startswith("srb") for p in plain):
         return sensors.load("landsat8") if "6" in codes and codes <= set("1234567") else None
-    own = {band_code(b.name) for b in sensors.load("sentinel2").bands}
+    own = {spectral.band_code(b.name) for b in sensors.load("sentinel2").bands}
     sure = "8a" in codes or "12" in codes or (len(codes) > 2 and "8" in codes and "5" not in codes)
     spelled = any(_SENTINEL2.fullmatch(p) for p in plain) or {"nbartswir3", "nbartnir2", "nbartrededge1"} & set(plain)
     return sensors.load("sentinel2") if spelled or (sure and codes <= own) else None
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band, and the 0-based bands whose name is only their number.
-
-    The name is the description of the band, else the name of its file, else its colour, else "band N".
-    """
+    """One name per band (description, else file, else colour, else "band N"), and the 0-based bands with numbers only."""
     names, unnamed = [], set()
     for i, (described, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -213,16 +209,16 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
         f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "
-        f'in the file\'s order, such as --bands "{example_names(len(bands))}".'
+        f'in the file\'s order, such as --bands "{spectral.example_names(len(bands))}".'
     )
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     """The band of a preset with this name, alias (a prefix such as "sr_" is ignored) or code; None without a match."""
-    if answers := [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
+    if answers := [b for wanted in (name, spectral.plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
-    code = band_code(name)
-    fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]
+    code = spectral.band_code(name)
+    fits = [b for b in sensor.bands if code and code in map(spectral.band_code, (b.name, *b.aliases))]
     return fits[0] if len(fits) == 1 else None
 
 

@@ -132,10 +132,7 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads a file of class numbers on another grid, by nearest neighbour.
-
-    `nodata` overrides the nodata of the file.
-    """
+    """Source that reads class numbers on another grid, by nearest neighbour; `nodata` overrides that of the file."""
     file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
     if not same_grid(info, grid):
         file = _warped(file, info, grid, how="nearest")
@@ -160,7 +157,6 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     from rasterio.enums import Resampling
 
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
-    file = replace(file, flat=None)  # the correction holds only for pixels that are not resampled
     warp: dict[str, Any] = {
         "src_crs": info.crs or anywhere,
         "crs": reference.crs or anywhere,
@@ -172,16 +168,15 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
-    floating = "float" in info.dtypes[0]
-    declared = next((n for n in file.nodatas if n is not None), math.nan if floating else None)
+    nodatas, alpha = file.nodatas, file.alpha
+    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     if declared is not None:
         warp |= {"src_nodata": declared, "nodata": declared}
-        nodatas = tuple(declared for _ in file.nodatas)
-        return replace(file, warp=warp, nodatas=nodatas, masked=False)
-    if file.alpha is None:
-        file = replace(file, alpha=info.count + 1)
-        warp["add_alpha"] = True
-    return replace(file, warp=warp, masked=False)
+        nodatas = (declared,) * len(nodatas)
+    elif alpha is None:
+        warp["add_alpha"], alpha = True, info.count + 1
+    # no flat field: it holds only for pixels that are not resampled
+    return replace(file, warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:

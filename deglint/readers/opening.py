@@ -24,11 +24,10 @@ from ..scene import Scene
 from . import products
 from .bands import bands_of, labelled
 from .grid import put_on_grid
-from .names import example_names
 from .roles import Wanted, explain_nir, split_wanted
 from .scenes import assets_of
 from .sensorfile import sensor_of
-from .spectral import SPECTRAL_RANGE, nanometres, own_facts, with_spectral
+from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with_spectral
 
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]

@@ -10,7 +10,7 @@ from ..checks import check_kind, described, nearest
 from ..errors import BandError, InputError
 from ..scene import Scene
 from ..sensors import normalise
-from .names import band_code, example_names, nominal_wavelength
+from .spectral import band_code, example_names, nominal_wavelength
 
 Wanted = str | int | Sequence[str | int]
 

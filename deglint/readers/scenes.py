@@ -20,9 +20,8 @@ from urllib.parse import unquote, urljoin
 from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from . import products
-from .names import nominal_wavelength
 from .products.metadata import ProductBand, angle_tags, filled, tags_of
-from .spectral import nanometres
+from .spectral import nanometres, nominal_wavelength
 from .text import number, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
@@ -46,10 +45,7 @@ class Asset:
     tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of the file's description with the Item's properties; `info` itself if the numbers of bands differ.
-
-        Scale, offset and nodata in the file take precedence.
-        """
+        """A copy of a file's description with the Item's properties, as by `filled`; `info` if band counts differ."""
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))

@@ -102,9 +102,8 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
     """Names of the bands (BAND_ID) in the order of the image, and notes."""
-    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two, with three bands each
-    if not any(part.find(".//Raster_Index") is not None for part in parts):
-        parts = [root]
+    # Pleiades Neo has two parts, with three bands each
+    parts = [part for part in root.iter("Data_Files") if part.find(".//Raster_Index") is not None] or [root]
     placed = [
         (i, said_number(node, "BAND_INDEX") or 0, said(node, "BAND_ID"))
         for i, part in enumerate(parts)
