@@ -5,7 +5,7 @@ where values come from: "verified" (a public source was read), "unverified" (oft
 "defined" (a made-up sensor, or values that the user gives).
 """
 
-from __future__ import annotations  # `deglint.readers.sensorfile` reads types of fields as text
+from __future__ import annotations  # `deglint.readers.bands` reads types of fields as text
 
 import re
 from collections.abc import Mapping

@@ -278,7 +278,7 @@ optics = { f_number = 4, pixel_pitch = 5 }
 
 
 def test_a_sensor_of_ones_own(tmp_path, write):
-    from deglint.readers.sensorfile import optics_of
+    from deglint.readers.bands import optics_of
 
     toml = tmp_path / "cam.toml"
     toml.write_text(CAMERA)

@@ -172,12 +172,6 @@ class _View:
         saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
 
-    def nir(self, window: int) -> FloatArray:
-        """NIR after a morphological opening with a window of this side [pixel], (pixel,) as from `flat`."""
-        return self.flat(
-            [_opened_band(b[self.roles.nir], v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
-        )
-
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
 
@@ -298,7 +292,7 @@ def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
 
     Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land.
     """
-    nir = view.nir(window)
+    nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
     nir, contrast, votes = nir[order], view.contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from .. import __version__
 from ..errors import InputError, WriteError
@@ -35,8 +36,6 @@ def write_scene(
     `stem` is ``DIR/NAME``. `truth` selects the files of truth: all (True), none (False), or a collection of suffixes
     such as "_truth_water". Either all files are written or none; their paths are returned.
     """
-    from affine import Affine
-
     base = _base(stem)
     layers = layers_of(scene)
     if truth is not True:
@@ -198,8 +197,6 @@ def _netcdf(data: Any, path: Path) -> None:
 
 def _geotiff(plan: Any, path: Path) -> None:
     """Write one band per layer; columns are azimuths, rows are zenith angles, both in degrees; there is no CRS."""
-    from affine import Affine
-
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
 
     known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]

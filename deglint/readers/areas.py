@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from affine import Affine
 
 from ..errors import InputError
 from ..raster import RasterSource
@@ -109,7 +110,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     The member `crs` of the document names its CRS. Without it, coordinates are longitude and latitude (RFC 7946), or
     in the CRS of the scene if they are too large for that. If the scene has no CRS, they are in its coordinates.
     """
-    from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
     shapes = list(_polygons(document, name))
@@ -144,7 +144,6 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
     """GeoJSON polygons of the True parts of a mask; `origin` is the row and column of its first pixel in the scene."""
     from rasterio.features import shapes
-    from rasterio.transform import Affine
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
     with quiet():
@@ -163,8 +162,6 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
 
 def _moved(transform: Any, column: int, row: int) -> Any:
     """The affine transform of a window whose first pixel is at `column` and `row` of a raster with `transform`."""
-    from rasterio.transform import Affine
-
     x, y = at(transform, column, row)
     return Affine(transform.a, transform.b, x, transform.d, transform.e, y)
 

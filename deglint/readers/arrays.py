@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from ..errors import InputError
 from ..raster import RasterInfo
@@ -204,8 +205,6 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
     """The affine transform from the coordinates; a declared one is used if it agrees, as its numbers are exact."""
-    from affine import Affine
-
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
     x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
@@ -28,7 +29,13 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     `grid` is "finest" (the default), or selects a file by its 1-based number, its name or the end of its name.
     """
     files = [FileBands.of(info) for info in infos]
-    _check_georeference(infos)
+    sizes = {(i.height, i.width) for i in infos}
+    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
+        without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
+        if len(sizes) > 1 and 0 < len(without) < len(infos):
+            raise InputError(
+                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
+            )
     bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
     chosen = _choose(infos, areas, grid)
     reference, here = infos[chosen], bounds[chosen]
@@ -74,20 +81,8 @@ def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int
     return fits[0]
 
 
-def _check_georeference(infos: Sequence[RasterInfo]) -> None:
-    sizes = {(i.height, i.width) for i in infos}
-    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
-        without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
-        if len(sizes) > 1 and 0 < len(without) < len(infos):
-            raise InputError(
-                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
-            )
-
-
 def _transform(info: RasterInfo | Scene) -> Any:
     """The affine transform of a file; if it has none, a transform to the unit square."""
-    from affine import Affine
-
     if info.transform is not None:
         return info.transform
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)

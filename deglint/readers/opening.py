@@ -22,11 +22,10 @@ from ..raster.convert import holds
 from ..raster.info import describe_file
 from ..scene import Scene
 from . import products
-from .bands import bands_of, labelled
+from .bands import bands_of, labelled, sensor_of
 from .grid import put_on_grid
 from .roles import Wanted, explain_nir, split_wanted
 from .scenes import assets_of
-from .sensorfile import sensor_of
 from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with_spectral
 
 Path = str | os.PathLike[str]
