@@ -82,10 +82,6 @@ class Sensor:
         """Numbers of bands that its known products have; empty if the order of bands differs between products."""
         return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
-    def describe_bands(self) -> str:
-        """One line that numbers (from 1) and names the bands."""
-        return ", ".join(f"{i} {b.name} ({b.wavelength:g} nm)" for i, b in enumerate(self.bands, start=1))
-
 
 def names() -> tuple[str, ...]:
     """Names of the sensor presets."""

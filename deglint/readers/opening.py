@@ -105,7 +105,13 @@ def _stacked(
     stated: Stated,
 ) -> Scene:
     notes: list[str] = []
-    opened = _opened(paths, preset, nir, stated, notes)
+    assets = [asset for path in paths for asset in assets_of(path)]
+    alone = stated.count if len(assets) == 1 else None
+    opened = []
+    for asset in assets:
+        held = products.opened(asset.path, lambda name: _describe(name, preset, nir, notes, alone))
+        opened.append(replace(held, infos=[asset.put_on(info) for info in held.infos]))
+    notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = stated.on(_together(infos, reference))
@@ -126,20 +132,6 @@ def _stacked(
         product=products.named(opened),
         footprints=products.footprints(opened, reference),
     )
-
-
-def _opened(
-    paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
-) -> list[products.OpenedFiles]:
-    """Describe the files that the names stand for, with properties from STAC Items; notes are appended to `notes`."""
-    assets = [asset for path in paths for asset in assets_of(path)]
-    alone = stated.count if len(assets) == 1 else None
-    found = []
-    for asset in assets:
-        files = products.opened(asset.path, lambda name: _describe(name, sensor, nir, notes, alone))
-        found.append(replace(files, infos=[asset.put_on(info) for info in files.infos]))
-    notes += products.notes_of(found)
-    return found
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:

@@ -124,7 +124,13 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
             "that are the bands, in a recipe as [input] assets."
         )
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
-    tags = tags_of({k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)} | _angles(facts))
+    # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
+    # but Items of Sentinel-2 and PlanetScope use it so
+    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
+             "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
+    angles: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
+    texts = {k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
+    tags = tags_of(texts | angle_tags(**angles))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     found = []
     for key in keys or _chosen(assets, what):
@@ -132,18 +138,6 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
         bands = [band for _, band in _said(assets[key], key, file, applied=applied)]
         found.append(Asset(file, tuple(bands), tags))
     return found
-
-
-def _angles(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Tags with the directions of sun and sensor [degree], from the extension "view" of an Item.
-
-    `view:azimuth` is interpreted as the direction from the scene to the satellite. The specification is ambiguous, but
-    Items of Sentinel-2 and PlanetScope use it so.
-    """
-    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
-             "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
-    known: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
-    return angle_tags(**known)
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:

@@ -23,6 +23,7 @@ import numpy as np
 from ...errors import InputError, ReadError
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe, open_dataset
+from ..spectral import with_spectral
 from ..text import number
 
 Item = TypeVar("Item")
@@ -308,17 +309,11 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     own = bool(scaled_by_itself(info))
     flat = bands[0].flat if info.count == 1 else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
-    named = replace(
-        info,
-        descriptions=tuple(b.name for b in bands),
-        tags={**info.tags, "": dataset_tags},
-        band_tags=tuple(
-            {**t, "": {**t.get("", {}), **_band_tags(b, scaled=not own)}}
-            for t, b in zip(info.band_tags, bands, strict=True)
-        ),
-    )
+    named = replace(info, descriptions=tuple(b.name for b in bands), tags={**info.tags, "": dataset_tags})
+    named = with_spectral(named, [(b.wavelength, b.width) for b in bands])
     if own:
         return named
+    full = [{} if b.saturation is None else {"FULL_SCALE": f"{b.saturation:.10g}"} for b in bands]
     return replace(
         named,
         dtypes=info.dtypes if flat is None else ("float32",),
@@ -327,11 +322,5 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
         scales=tuple(b.scale for b in bands),
         offsets=tuple(b.offset for b in bands),
         nodatas=tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
+        band_tags=tuple({**t, "": {**t[""], **f}} for t, f in zip(named.band_tags, full, strict=True)),
     )
-
-
-def _band_tags(band: ProductBand, *, scaled: bool) -> dict[str, str]:
-    """Tags of a band for `deglint.readers.spectral`. `scaled`: the product's scale is used, so saturation is added."""
-    full = band.saturation if scaled else None
-    facts = {"wavelength_nm": band.wavelength, "fwhm_nm": band.width, "FULL_SCALE": full}
-    return {k: f"{v:.10g}" for k, v in facts.items() if v is not None}
