@@ -185,7 +185,7 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
         name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
         centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
         wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
-        band = ProductBand(file, name, i + 1, wavelength, nanometres(width, "um") if width else None)
+        band = ProductBand(file, name, wavelength, nanometres(width, "um") if width else None)
         scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
         unit = said["unit"] if isinstance(said.get("unit"), str) else None
         offset = 0.0 if applied or offset is None else offset

@@ -54,8 +54,8 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     }
     marks: dict[str, Any] = {"nodata": special.get("NODATA", 0.0), "saturation": special.get("SATURATED")}
     bands = [
-        ProductBand(container.gdal(member), _NAMES.get(band, band), i, **marks, **_band(root, band, processing))
-        for i, band in enumerate(ids, start=1)
+        ProductBand(container.gdal(member), _NAMES.get(band, band), **marks, **_band(root, band, processing))
+        for band in ids
     ]
     if any(b.unit is None for b in bands):
         why = "without gains" if processing in _SCALED else f"made for display ({processing})"

@@ -133,8 +133,8 @@ def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[st
     centres, widths = (v if len(v) == len(names) else none for v in (centres, widths))
     radiometry, notes = _radiometry(info, facts) if is_capture(info) else ({}, [])
     return [
-        ProductBand(info.paths[0], name, number=i, wavelength=centre, width=width, **radiometry)
-        for i, (name, centre, width) in enumerate(zip(names, centres, widths, strict=True), start=1)
+        ProductBand(info.paths[0], name, wavelength=centre, width=width, **radiometry)
+        for name, centre, width in zip(names, centres, widths, strict=True)
     ], notes
 
 

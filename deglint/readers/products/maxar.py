@@ -63,10 +63,10 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
     if not plain:
         notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
     bands = []
-    for i, letter in enumerate(_letters(root), start=1):
+    for letter in _letters(root):
         own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
         factor, width = (positive(said(root, f"BAND_{letter}/{k}")) for k in ("ABSCALFACTOR", "EFFECTIVEBANDWIDTH"))
-        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), i, nodata=0.0)
+        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), nodata=0.0)
         bands.append(replace(band, scale=factor / width, unit=UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")

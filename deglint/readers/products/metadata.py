@@ -248,7 +248,6 @@ class ProductBand:
 
     path: str  # GDAL name of its file
     name: str  # as the provider calls it ("B08")
-    number: int = 1  # 1-based band of the file
     wavelength: float | None = None  # centre [nm]
     width: float | None = None  # full width at half maximum [nm]
     scale: float = 1.0  # physical value = file value * scale + offset

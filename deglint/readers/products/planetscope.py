@@ -76,9 +76,7 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
     """The bands of an image with four or eight bands, and the sensor preset of its instrument (None: no preset)."""
     if eight:
-        names = [b.name for b in sensors.load("planetscope8").bands]
-        return [ProductBand(path, name, i, nodata=0.0) for i, name in enumerate(names, start=1)], "planetscope8"
+        return [ProductBand(path, b.name, nodata=0.0) for b in sensors.load("planetscope8").bands], "planetscope8"
     sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     optics = DOVE if instrument == "PS2" else ((None, None),) * len(FOUR)
-    known = zip(FOUR, optics, strict=True)
-    return [ProductBand(path, name, i, w, h, nodata=0.0) for i, (name, (w, h)) in enumerate(known, start=1)], sensor
+    return [ProductBand(path, name, w, h, nodata=0.0) for name, (w, h) in zip(FOUR, optics, strict=True)], sensor
