@@ -4,8 +4,6 @@ A `RasterSource` opens its files at the first read. Each reading thread uses its
 for the next reader and are closed by `close`, or at the end of a `with` block.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 import os
@@ -38,7 +36,7 @@ class FileBands:
     warp: Mapping[str, Any] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
 
     @classmethod
-    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
+    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> Self:
         """All bands of the file that `info` describes; `nodatas` override the nodata of `info`."""
         return cls(
             path=info.paths[0],

@@ -9,8 +9,6 @@ while files are renamed. If one cannot be renamed, the earlier ones get their ol
 runs are removed by the next run with the same output.
 """
 
-from __future__ import annotations
-
 import contextlib
 import glob
 import os
@@ -22,7 +20,7 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
@@ -178,7 +176,7 @@ class Scratch:
         self._files: dict[Path, Path] = {}  # scratch files by target
         self._overwrite = overwrite
 
-    def __enter__(self) -> Scratch:
+    def __enter__(self) -> Self:
         return self
 
     def add(self, target: Path) -> Path:
