@@ -115,8 +115,9 @@ def files_of(path: str) -> tuple[str, ...]:
     product = find(path)
     if product is None:
         return (path,)
-    images, footprints = zip(*((band.path, band.footprint) for band in product.bands), strict=True)
-    return tuple(dict.fromkeys((*images, *filter(None, footprints), *product.texts)))
+    images = (band.path for band in product.bands)
+    footprints = (band.footprint for band in product.bands if band.footprint)
+    return tuple(dict.fromkeys((*images, *footprints, *product.texts)))
 
 
 def _local(path: str) -> Path | None:
