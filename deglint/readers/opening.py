@@ -135,24 +135,19 @@ def _stacked(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
-    """Describe a file. Its alpha band is a band of the scene if `nir` selects it or the number of bands requires it."""
+    """Describe a file. Its alpha band is a band of the scene if `nir`, the user's `count` or the sensor requires it."""
     info = describe_file(path)
     if info.alpha is None:
         return info
     asked = [] if nir is None else split_wanted(nir)
-    if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
+    more = info.count + 1  # number of bands with the alpha band
+    known = None if sensor is None else sensor_of(sensor)
+    fits = known is not None and info.count not in known.counts and more in (len(known.bands), *known.counts)
+    if fits or count == more or str(info.alpha) in map(str, asked):
         return describe_file(path, alpha_is_band=True)
     what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
     return info
-
-
-def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
-    """Whether the number of bands that the user states (`count`) or that the sensor has includes the alpha band."""
-    if sensor is None or count == info.count + 1:
-        return count == info.count + 1
-    known = sensor_of(sensor)
-    return info.count not in known.counts and info.count + 1 in (len(known.bands), *known.counts)
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
