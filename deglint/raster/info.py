@@ -217,7 +217,7 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
     flags = [tuple(flag.name for flag in flags) for flags in dataset.mask_flag_enums]
     every: dict[str, Any] = {"nodatas": dataset.nodatavals, "colorinterp": interp, "mask_flags": flags}
     every |= {n: getattr(dataset, n) for n in ("dtypes", "scales", "offsets", "descriptions", "units", "block_shapes")}
-    facts: dict[str, Any] = {n: getattr(dataset, n) for n in ("driver", "height", "width", "crs", "rpcs")}
+    facts: dict[str, Any] = {n: getattr(dataset, n) for n in ("driver", "height", "width", "crs")}
     facts |= {name: tuple(values[i - 1] for i in bands) for name, values in every.items()}
     return RasterInfo(
         paths=(path,),
@@ -232,6 +232,7 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
         transform=None if dataset.transform.is_identity else dataset.transform,
         gcps=tuple(gcps),
         gcps_crs=gcps_crs,
+        rpcs=dataset.rpcs,  # after the tags: GDAL adds namespaces when it reads these
     )
 
 
