@@ -24,7 +24,7 @@ import rasterio
 
 from deglint import Recipe, open_scene, remove_glint
 from deglint.morphology import grown
-from deglint.readers.place import ground_area
+from deglint.readers.grid import ground_area
 from detect import local_rx
 from detect.objects import find
 from detect.pipeline import Recipe as Search

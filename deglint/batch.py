@@ -33,10 +33,8 @@ from .pipeline.outputs import DTYPES
 from .pipeline.recipe import Recipe, band_names
 from .pipeline.run import READING, remove_glint
 from .raster.environment import environment
-from .raster.scratch import claimed, make_directory
-from .raster.targets import check_target, check_unread
-from .readers.scenes import ListedScene, checked_name
-from .readers.stac import files_of
+from .raster.targets import check_target, check_unread, claimed, make_directory
+from .readers.scenes import ListedScene, checked_name, files_of
 from .readers.text import read_json, read_toml
 from .tiles import default_threads
 

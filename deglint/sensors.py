@@ -1,10 +1,11 @@
 """Sensor presets: bands, band delays, and optics.
 
-The data are in `sensors.toml` beside this module, with their sources and whether they were verified. Values that are
-not known are None.
+The data are in `sensors.toml` beside this module, with their sources. Values that are not known are None. A status says
+where values come from: "verified" (a public source was read), "unverified" (often quoted, but no source was read) or
+"defined" (a made-up sensor, or values that the user gives).
 """
 
-from __future__ import annotations  # `deglint.readers.sensorfile` reads types of fields as text
+from __future__ import annotations  # `deglint.readers.bands` reads types of fields as text
 
 import re
 from collections.abc import Mapping
@@ -15,37 +16,20 @@ from typing import Any, cast
 from .checks import from_plain
 from .errors import InputError
 
-UNVERIFIED = "unverified"  # commonly quoted, but no source was read
+UNVERIFIED = "unverified"
 
 
 @dataclass(frozen=True, slots=True)
 class SensorBand:
-    """One band of a sensor.
+    """One band of a sensor."""
 
-    Attributes
-    ----------
-    name : str
-        Name given by the manufacturer.
-    aliases : tuple of str
-        Other names of the band in files.
-    wavelength, width : float
-        Centre and full width [nm].
-    time_offset : float, optional
-        Time of the band after the first band [s].
-    time_status : str, optional
-        Where `time_offset` comes from: "verified" (a public source was read), "unverified" (often quoted, but no source
-        was read) or "defined" (a made-up sensor, or a value that the user gives); None without an offset.
-    group : str, optional
-        Name; bands with the same group are taken at (nearly) the same time.
-    """
-
-    name: str
-    wavelength: float
-    width: float
-    aliases: tuple[str, ...] = ()
-    time_offset: float | None = None
-    time_status: str | None = None
-    group: str | None = None
+    name: str  # as the manufacturer calls it
+    wavelength: float  # centre [nm]
+    width: float  # full width [nm]
+    aliases: tuple[str, ...] = ()  # other names of the band in files
+    time_offset: float | None = None  # time of the band after the first band [s]
+    time_status: str | None = None  # where `time_offset` comes from; None without an offset
+    group: str | None = None  # a name; bands with the same group are taken at (nearly) the same time
 
     def answers_to(self, name: str) -> bool:
         """Whether `name` is this band's name or an alias (case, blanks and punctuation do not matter)."""
@@ -55,60 +39,30 @@ class SensorBand:
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """Optics of a sensor; None where not known.
+    """Optics of a sensor."""
 
-    Attributes
-    ----------
-    aperture, focal_length : float, optional
-        Diameter of the aperture, and focal length [m].
-    pixel_pitch : float, optional
-        Distance between pixels of the multispectral detector [um].
-    f_number : float, optional
-        Focal length over aperture.
-    status : str
-        Where these values come from, as `SensorBand.time_status`.
-    """
-
-    aperture: float | None = None
-    focal_length: float | None = None
-    pixel_pitch: float | None = None
-    f_number: float | None = None
-    status: str = UNVERIFIED
+    aperture: float | None = None  # diameter [m]
+    focal_length: float | None = None  # [m]
+    pixel_pitch: float | None = None  # distance between pixels of the multispectral detector [um]
+    f_number: float | None = None  # focal length over aperture
+    status: str = UNVERIFIED  # where these values come from
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor preset.
+    """A sensor preset."""
 
-    Attributes
-    ----------
-    name, title : str
-        Short name, and full name.
-    bands : tuple of SensorBand
-        In the order of the manufacturer's product.
-    ordered : bool
-        False if the order of bands differs between products: they are matched by name or wavelength only.
-    wavelength_status, width_status, group_status : str
-        Where these values of the bands come from, as `SensorBand.time_status`.
-    optics : Optics, optional
-        None if not known.
-    products : tuple of tuple of str
-        Names of the bands of products with fewer bands, in the order of each product.
-    aliases, sources : tuple of str
-        Other names of the preset, and sources of the data.
-    """
-
-    name: str
-    title: str
-    bands: tuple[SensorBand, ...]
-    ordered: bool = True
-    wavelength_status: str = UNVERIFIED
+    name: str  # short name
+    title: str  # full name
+    bands: tuple[SensorBand, ...]  # in the order of the manufacturer's product
+    ordered: bool = True  # False: the order of bands differs between products; they are matched by name or wavelength
+    wavelength_status: str = UNVERIFIED  # where these values of the bands come from, as in the next two
     width_status: str = UNVERIFIED
     group_status: str = UNVERIFIED
     optics: Optics | None = None
-    products: tuple[tuple[str, ...], ...] = ()
-    aliases: tuple[str, ...] = ()
-    sources: tuple[str, ...] = ()
+    products: tuple[tuple[str, ...], ...] = ()  # names of the bands of products with fewer bands, in their order
+    aliases: tuple[str, ...] = ()  # other names of the preset
+    sources: tuple[str, ...] = ()  # of the data
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
         """The bands of the product that has `count` bands, in its order; empty if not known, or if orders differ.
@@ -128,30 +82,17 @@ class Sensor:
         """Numbers of bands that its known products have; empty if the order of bands differs between products."""
         return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
-    def describe_bands(self) -> str:
-        """One line that numbers (from 1) and names the bands."""
-        return ", ".join(f"{i} {b.name} ({b.wavelength:g} nm)" for i, b in enumerate(self.bands, start=1))
-
 
 def names() -> tuple[str, ...]:
-    """Names of the sensor presets.
-
-    >>> "worldview3" in names()
-    True
-    """
+    """Names of the sensor presets."""
     return tuple(_table())
 
 
 def load(name: str) -> Sensor:
     """The sensor preset with this name or alias (case, blanks and punctuation do not matter).
 
-    Raises
-    ------
-    InputError
-        No such preset; the message lists the choices.
+    InputError, which lists the choices, if there is none.
 
-    Examples
-    --------
     >>> load("WorldView-3").bands[6].wavelength
     832.5
     """
@@ -166,11 +107,8 @@ def load(name: str) -> Sensor:
 
 def find(name: str) -> Sensor | None:
     """The sensor preset with this name or alias, as `load`, but None if there is no such preset."""
-    wanted = normalise(name)
-    for sensor in _table().values():
-        if wanted in map(normalise, (sensor.name, *sensor.aliases)):
-            return sensor
-    return None
+    wanted, every = normalise(name), _table().values()
+    return next((s for s in every if wanted in map(normalise, (s.name, *s.aliases))), None)
 
 
 def normalise(name: str) -> str:

@@ -13,7 +13,7 @@ import pytest
 
 from deglint.batch import jobs_of, read_order, run_batch, state_of
 from deglint.errors import InputError, ReadError, WriteError
-from deglint.raster.scratch import claimed
+from deglint.raster.targets import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
 
 RECIPE = """

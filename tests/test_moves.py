@@ -12,7 +12,7 @@ import pytest
 
 from deglint import Recipe, remove_glint
 from deglint.errors import WriteError
-from deglint.raster.scratch import Scratch, _clear_scratch
+from deglint.raster.targets import Scratch, _clear_scratch
 
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
 HEDLEY = Recipe(method="hedley", sample="all", mask="none")

@@ -11,16 +11,8 @@ from deglint import sensors
 from deglint.errors import BandError, DeglintError, InputError, ReadError
 from deglint.pipeline import Recipe, remove_glint
 from deglint.readers import find_nir, open_scene
-from deglint.readers.bands import match
-from deglint.readers.names import (
-    band_code,
-    example_names,
-    letter_wavelengths,
-    only_numbered,
-    plain_name,
-    short_names,
-    wavelength_in_name,
-)
+from deglint.readers.bands import match, only_numbered, short_names
+from deglint.readers.spectral import band_code, example_names, letter_wavelengths, plain_name, wavelength_in_name
 from deglint.scene import Band
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
@@ -286,7 +278,7 @@ optics = { f_number = 4, pixel_pitch = 5 }
 
 
 def test_a_sensor_of_ones_own(tmp_path, write):
-    from deglint.readers.sensorfile import optics_of
+    from deglint.readers.bands import optics_of
 
     toml = tmp_path / "cam.toml"
     toml.write_text(CAMERA)

@@ -10,7 +10,7 @@ from rasterio.transform import Affine, from_origin
 from rasterio.warp import transform
 
 from deglint.readers import open_scene
-from deglint.readers.place import ground_area, ground_size, pixel_size
+from deglint.readers.grid import ground_area, ground_size, pixel_size
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ for home, names in ((os, "sched_getaffinity pread pwrite copy_file_range memfd_c
     for name in names.split():
         delattr(home, name)
 import types
-from deglint.raster import scratch
-scratch.sys = types.SimpleNamespace(platform="win32")
+from deglint.raster import targets
+targets.sys = types.SimpleNamespace(platform="win32")
 locked = []
 sys.modules["msvcrt"] = types.SimpleNamespace(LK_LOCK=1, LK_NBLCK=2, locking=lambda *given: locked.append(given))
 from pathlib import Path
-with scratch.claimed(Path(sys.argv[2]).parent):
+with targets.claimed(Path(sys.argv[2]).parent):
     assert locked
 from deglint.cli import run
 code = run(["remove", sys.argv[1], sys.argv[2], "--method", "hedley", "-q"])

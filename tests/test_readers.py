@@ -15,8 +15,7 @@ from rasterio.warp import transform_bounds
 
 from deglint.errors import BandError, InputError, ReadError
 from deglint.readers import band_roles, find_nir, open_scene
-from deglint.readers.names import nominal_wavelength, wavelength_in_name
-from deglint.readers.spectral import nanometres
+from deglint.readers.spectral import nanometres, nominal_wavelength, wavelength_in_name
 from deglint.scene import Scene
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"

@@ -134,7 +134,7 @@ def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> st
 
 def _write_table(path: Path, found: list[Any]) -> None:
     from ..raster.output import write_text
-    from ..raster.scratch import Scratch
+    from ..raster.targets import Scratch
 
     text = io.StringIO()
     rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")

@@ -153,7 +153,7 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --serve
     """
     from ..plan.missionfile import merged, mission_from
-    from ..raster.planned import check_plan
+    from ..raster.simulated import check_plan
     from ..readers.text import read_toml
     from . import planning
     from .console import Console
@@ -175,7 +175,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     if given["place"]:
         if latitude is not None or longitude is not None:
             raise click.UsageError("give --place, or --lat and --lon, not both.")
-        from ..readers.place import middle_of
+        from ..readers.areas import middle_of
 
         latitude, longitude = middle_of(given["place"])
     if given["sun"] and (latitude is not None or given["time"]):

@@ -14,7 +14,7 @@ from ..plan.dataset import summary
 from ..plan.draw import png
 from ..plan.picture import picture
 from ..raster.output import plain
-from ..raster.planned import write_numbers, write_plan
+from ..raster.simulated import write_files, write_plan
 from .console import Console
 
 log = logging.getLogger(__name__)
@@ -128,7 +128,7 @@ def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any]
     """Write the selected files; print the result as JSON or as lines of text."""
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
-        write_numbers(outs, overwrite=given["overwrite"])
+        write_files(outs, overwrite=given["overwrite"])
     click.echo(_json(numbers) if given["as_json"] else "\n".join(lines))
 
 

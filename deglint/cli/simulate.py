@@ -131,8 +131,8 @@ def simulate(out: Path, **given: Any) -> None:
     deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
-    from ..raster.scratch import make_directory
     from ..raster.simulated import check_free, write_scene
+    from ..raster.targets import make_directory
     from ..simulate import simulate as make
     from .console import Console
 

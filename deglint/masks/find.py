@@ -102,8 +102,6 @@ def fit_water(
 
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
-    Examples
-    --------
     >>> sea = np.stack([np.full((32, 32), 0.05), np.full((32, 32), 0.01)])
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True
@@ -173,12 +171,6 @@ class _View:
         low, high = float(np.percentile(nir, 1)), float(nir.max())
         saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
-
-    def nir(self, window: int) -> FloatArray:
-        """NIR after a morphological opening with a window of this side [pixel], (pixel,) as from `flat`."""
-        return self.flat(
-            [_opened_band(b[self.roles.nir], v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
-        )
 
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
@@ -300,7 +292,7 @@ def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
 
     Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land.
     """
-    nir = view.nir(window)
+    nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
     nir, contrast, votes = nir[order], view.contrast[order], votes[order]
     won = np.cumsum(votes, dtype=np.int64)

@@ -93,8 +93,6 @@ class _Local(NamedTuple):
 def away_from_shore(mask: Mask) -> Mask:
     """Mask (row, column) of the water pixels that lie in squares of water of `SHORE` x `SHORE` pixels.
 
-    Examples
-    --------
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
     >>> int(away_from_shore(lake).sum())
@@ -139,7 +137,18 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
         found = [_select(b, m, s, sample) for b, m, s in zip(looks, masks, local, strict=True)]
         if sum(int(f.sum()) for f in found) >= ENOUGH:
             break
-    return _summarise(_gather(local, found), sample, valid)
+    kept = _gather(local, found)
+    pixels = int(kept.enough.size)
+    if not pixels:
+        raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")
+    total = float(kept.visible.sum()) * float(kept.variance.sum())
+    return replace(
+        sample,
+        r_squared=max(float(kept.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0,
+        glint=float(np.sqrt(np.mean(kept.variance))) * sample.step[0],
+        pixels=pixels,
+        share=pixels / valid,
+    )
 
 
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
@@ -300,18 +309,3 @@ def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> M
     chosen &= _even(local, rule)
     chosen &= ~grown(valid & ~mask, 2 * rule.distance + 1)
     return opened(chosen | ~valid, CLEANING) & chosen
-
-
-def _summarise(found: _Local, sample: SampleRule, valid: int) -> SampleRule:
-    """The rule with the properties of the sample; `valid`: valid pixels in all blocks. FitError if it is empty."""
-    pixels = int(found.enough.size)
-    if not pixels:
-        raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")
-    total = float(found.visible.sum()) * float(found.variance.sum())
-    return replace(
-        sample,
-        r_squared=max(float(found.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0,
-        glint=float(np.sqrt(np.mean(found.variance))) * sample.step[0],
-        pixels=pixels,
-        share=pixels / valid,
-    )

@@ -15,16 +15,13 @@ ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; o
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """0-based band of each colour in a block; at least one visible band is needed besides the NIR.
-
-    The masks do not use `swir`.
-    """
+    """0-based band of each colour in a block; at least one visible band is needed besides the NIR."""
 
     nir: int
     blue: int | None = None
     green: int | None = None
     red: int | None = None
-    swir: int | None = None
+    swir: int | None = None  # the masks do not use it
 
     @property
     def visible(self) -> tuple[int, ...]:

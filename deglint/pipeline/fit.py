@@ -16,7 +16,7 @@ from ..errors import DeglintError, FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
 from ..raster.environment import environment, limit
-from ..readers.place import ground_size
+from ..readers.grid import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene

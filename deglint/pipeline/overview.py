@@ -13,7 +13,7 @@ from ..errors import NoWaterError
 from ..masks import Roles, WaterRule, fit_water
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
-from ..readers.place import pixel_size
+from ..readers.grid import pixel_size
 from ..readers.roles import band_roles
 from ..remove.wiener import SAMPLE_SIDE
 from ..scene import Scene

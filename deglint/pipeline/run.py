@@ -18,7 +18,7 @@ from ..raster.environment import enter_thread, environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_ending, check_images, check_targets
 from ..readers.opening import open_scene
-from ..readers.stac import files_of
+from ..readers.scenes import files_of
 from ..readers.undeclared import settled
 from ..remove import GlintModel
 from ..report import before_after

@@ -20,8 +20,8 @@ from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
 from ..morphology import grown
 from ..readers.areas import open_area, window_area
-from ..readers.place import pixel_size
-from ..readers.sensorfile import optics_of
+from ..readers.bands import optics_of
+from ..readers.grid import pixel_size
 from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
 from ..remove.strips import Strips, filled

@@ -129,10 +129,8 @@ def encode(
     clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
     where `physical` is not finite, nor outside `where` (row, column).
 
-    Returns
-    -------
-    (len(bands), row, column) ndarrays of bool
-        Two masks: negative physical values; and values that were clipped, with integers that were moved off `nodata`.
+    Returns two masks (len(bands), row, column): negative physical values; and values that were clipped, with integers
+    that were moved off `nodata`.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):
@@ -217,18 +215,14 @@ class FlatField:
     corrects: bool = False  # True: v is the factor; False: v is the fall-off of light, by which values are divided
     row_gradient: float = 0.0  # a row is too bright by the factor 1 + row_gradient * row
 
-    def factor(self, window: Window) -> npt.NDArray[np.float32]:
-        """Factor of each pixel of a window, (row, column) [1]."""
+    def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
+        """Correct the file values `raw` (row, column) of a window in place, except values that equal `nodata`."""
         (top, bottom), (left, right) = window
         rows = np.arange(top, bottom, dtype=np.float64)[:, np.newaxis]
         columns = np.arange(left, right, dtype=np.float64)
         r = np.hypot(columns - self.centre[0], rows - self.centre[1])
         vignette = np.polyval([*self.polynomial[::-1], 1.0], r)
-        found = (vignette if self.corrects else 1.0 / vignette) / (1.0 + self.row_gradient * rows)
-        return found.astype(np.float32)
-
-    def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
-        """Correct the file values `raw` (row, column) of a window in place, except values that equal `nodata`."""
+        factor = (vignette if self.corrects else 1.0 / vignette) / (1.0 + self.row_gradient * rows)
         light = raw - np.float32(self.black)
-        corrected = light * self.factor(window) + np.float32(self.black)
+        corrected = light * factor.astype(np.float32) + np.float32(self.black)
         np.copyto(raw, corrected, where=True if nodata is None else raw != nodata)

@@ -137,10 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """End of a sentence after the word "it": what kind of file GDAL could not read, and a remedy.
-
-    The format is recognised from the content, as file endings are often wrong.
-    """
+    """End of a sentence after the word "it": what a file is by its content, that GDAL could not read, and a remedy."""
     place = Path(path)
     try:
         if place.is_dir():
@@ -217,37 +214,25 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
     _check_length(dataset, path)
     structure = dataset.tags(ns="IMAGE_STRUCTURE")
     gcps, gcps_crs = dataset.gcps
-    flags = dataset.mask_flag_enums
-
-    def pick(values: Sequence[Any]) -> tuple[Any, ...]:
-        return tuple(values[i - 1] for i in bands)
-
+    flags = [tuple(flag.name for flag in flags) for flags in dataset.mask_flag_enums]
+    every: dict[str, Any] = {"nodatas": dataset.nodatavals, "colorinterp": interp, "mask_flags": flags}
+    every |= {n: getattr(dataset, n) for n in ("dtypes", "scales", "offsets", "descriptions", "units", "block_shapes")}
+    facts: dict[str, Any] = {n: getattr(dataset, n) for n in ("driver", "height", "width", "crs")}
+    facts |= {name: tuple(values[i - 1] for i in bands) for name, values in every.items()}
     return RasterInfo(
         paths=(path,),
-        driver=dataset.driver,
-        height=dataset.height,
-        width=dataset.width,
-        dtypes=pick(dataset.dtypes),
-        nodatas=pick(dataset.nodatavals),
-        scales=pick(dataset.scales),
-        offsets=pick(dataset.offsets),
-        descriptions=pick(dataset.descriptions),
-        units=pick(dataset.units),
-        colorinterp=pick(interp),
+        **facts,
         tags=_tags(dataset),
         band_tags=tuple(_tags(dataset, i) for i in bands),
-        mask_flags=tuple(tuple(f.name for f in flags[i - 1]) for i in bands),
-        block_shapes=pick(dataset.block_shapes),
         tiled=bool(dataset.profile.get("tiled", False)),
         alpha=alpha,
         compression=structure.get("COMPRESSION", "").lower() or None,
         predictor=structure.get("PREDICTOR"),
         interleave=structure.get("INTERLEAVE", "").lower() or None,
-        crs=dataset.crs,
         transform=None if dataset.transform.is_identity else dataset.transform,
         gcps=tuple(gcps),
         gcps_crs=gcps_crs,
-        rpcs=dataset.rpcs,
+        rpcs=dataset.rpcs,  # after the tags: GDAL adds namespaces when it reads these
     )
 
 

@@ -11,6 +11,7 @@ import json
 import logging
 import math
 import re
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ from .. import __version__
 from ..errors import InputError, WriteError
 from ..scene import Window
 from .info import RasterInfo, open_dataset, quiet
-from .scratch import DISK_FULL, Scratch, free_bytes, write_errors
+from .targets import DISK_FULL, Scratch, write_errors
 
 BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
 OVERVIEWS_FROM = 1024  # longer side from which on an image gets overviews [pixel], as COG validators require
@@ -50,12 +51,9 @@ def levels(height: int, width: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Layout:
-    """How an output raster is written: its bands, type, nodata, tile size and GDAL creation options.
+    """How an output raster is written: its bands, type, nodata, tile size and GDAL creation options."""
 
-    All other properties come from the input (`info`).
-    """
-
-    info: RasterInfo  # properties of the input; those that also hold for the output are kept
+    info: RasterInfo  # of the input; the output keeps all properties that also hold for it
     bands: tuple[int, ...]  # 0-based bands of `info` that the output has
     dtype: str  # name of a numpy type
     nodata: float | None = None
@@ -68,10 +66,7 @@ class Layout:
 
     @property
     def overviews(self) -> bool:
-        """Whether overviews (reduced copies of the image) are added to the file.
-
-        The longer side has at least `OVERVIEWS_FROM` pixels, and the creation option OVERVIEWS is not NONE.
-        """
+        """Whether the file gets overviews: `levels` has some for its size, and the option OVERVIEWS is not NONE."""
         given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 
@@ -367,7 +362,7 @@ def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping
     need = layout.info.height * layout.info.width * len(layout.bands) * np.dtype(layout.dtype).itemsize
     if layout.overviews:  # overviews add a third; an uncompressed copy takes the same space again
         need = need * (4 if packed else 8) // 3
-    if need > (free := free_bytes(directory)):
+    if need > (free := shutil.disk_usage(directory).free):
         raise WriteError(
             f"{target} needs {need / 1e6:.0f} MB and the disk has {free / 1e6:.0f} MB left. Free some space, compress "
             "it (--co COMPRESS=ZSTD), or leave out its overviews (--co OVERVIEWS=NONE)."

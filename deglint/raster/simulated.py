@@ -1,24 +1,31 @@
-"""Write a simulated scene: GeoTIFFs of the image and of its truth, and a JSON file with all parameters.
+"""Write what models compute: simulated scenes, and plans.
 
-The files of a scene are written together, or not at all.
+A simulated scene is written as GeoTIFFs of the image and of its truth, and a JSON file with all parameters. A plan has
+values for each viewing geometry (zenith and azimuth of the sensor); it is written as a picture (.png), numbers (.json),
+NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif). All files are written together, or not at all.
 """
 
-from collections.abc import Collection, Mapping
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from .. import __version__
-from ..errors import WriteError
-from .output import Layer, write_json
-from .scratch import Scratch, write_errors
-from .targets import check_targets
+from ..errors import InputError, WriteError
+from .output import Layer, plain, write_bytes, write_json
+from .targets import Reads, Scratch, check_targets, write_errors
 
 CRS = "EPSG:32610"  # of every scene: UTM zone 10 north
 CORNER = 600_000.0, 4_070_000.0  # upper left corner of every scene [m], at sea off California
 SIMULATED_UNIT = "W m-2 sr-1 nm-1"  # of radiance
+Content = bytes | Mapping[str, Any] | Callable[[Path], None]
+"""Content of a file: bytes, values for JSON, or a function that writes the file with a given path."""
+_SIGNED = {"software": f"deglint {__version__}"}
 
 
 def write_scene(
@@ -29,8 +36,6 @@ def write_scene(
     `stem` is ``DIR/NAME``. `truth` selects the files of truth: all (True), none (False), or a collection of suffixes
     such as "_truth_water". Either all files are written or none; their paths are returned.
     """
-    from affine import Affine
-
     base = _base(stem)
     layers = layers_of(scene)
     if truth is not True:
@@ -41,11 +46,9 @@ def write_scene(
     gsd = scene.setup.sensor.gsd
     place: dict[str, Any] = {"crs": CRS, "transform": Affine(gsd, 0.0, CORNER[0], 0.0, -gsd, CORNER[1])}
     place |= {"tiled": True, "blockxsize": 256, "blockysize": 256, "interleave": "pixel", "num_threads": 2}
-    with Scratch(overwrite=overwrite) as scratch:
-        for part, layer in layers.items():
-            with write_errors(targets[part]):
-                layer.write(scratch.add(targets[part]), **place)
-        write_json(scratch, sidecar, describe(scene, {p: t.name for p, t in targets.items()}))
+    contents: dict[Path, Content] = {targets[part]: partial(layer.write, **place) for part, layer in layers.items()}
+    contents[sidecar] = describe(scene, {part: target.name for part, target in targets.items()})
+    write_files(contents, overwrite=overwrite)
     return [*targets.values(), sidecar]
 
 
@@ -117,6 +120,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
     import scipy
 
     setup, light = scene.setup, scene.light
+    layers = {"truth": scene.truth, "truth_water": scene.truth_water, "glint": scene.glint}
     bands = [
         {
             "name": band.name,
@@ -127,16 +131,13 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
             "direct_irradiance": float(light.direct[i]),
             "diffuse_irradiance": float(light.diffuse[i]),
             "water_radiance": float(light.water[i]),
-            "mean_truth": float(scene.truth[i].mean(dtype=np.float64)),
-            "mean_truth_water": float(scene.truth_water[i].mean(dtype=np.float64)),
-            "mean_glint": float(scene.glint[i].mean(dtype=np.float64)),
+            **{f"mean_{name}": float(values[i].mean(dtype=np.float64)) for name, values in layers.items()},
             "glint_fraction": float(scene.glint_mask[i].mean()),
             "saturated_pixels": int((scene.image[i] == setup.sensor.levels).sum()),
         }
         for i, band in enumerate(setup.sensor.bands)
     ]
     return {
-        "software": f"deglint {__version__}",
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "files": dict(files),
@@ -146,3 +147,64 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
         "slope_variance_up_cross": {"measured": setup.slope_variance, "resolved": scene.resolved_slope_variance},
         "bands": bands,
     }
+
+
+def check_plan(
+    targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
+) -> None:
+    """Check, before any computation, that outputs end in one of `kinds` (".png", ...), and then by `check_targets`."""
+    for target in targets:
+        if _kind(target) not in kinds:
+            raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
+    check_targets(targets, reads, overwrite=overwrite)
+
+
+def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
+    """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` makes the PNG."""
+    from ..plan import dataset
+
+    makers: Mapping[str, Callable[[], Content]] = {
+        ".png": picture,
+        ".json": lambda: (json.dumps(plain(_SIGNED | dataset.document(plan)), allow_nan=False) + "\n").encode(),
+        ".nc": lambda: partial(_netcdf, dataset.dataset(plan)),
+        ".tif": lambda: partial(_geotiff, plan),
+    }
+    write_files({target: makers[_kind(target)]() for target in targets}, overwrite=overwrite)
+
+
+def write_files(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
+    """Write several files, all or none; `targets` has the path and the content of each."""
+    with Scratch(overwrite=overwrite) as scratch:
+        for target, data in targets.items():
+            if isinstance(data, Mapping):
+                write_json(scratch, target, {**_SIGNED, **data})
+            elif callable(data):
+                with write_errors(target):
+                    data(scratch.add(target))
+            else:
+                write_bytes(scratch, target, data)
+
+
+def _kind(target: Path) -> str:
+    ending = target.suffix.lower()
+    return ".tif" if ending == ".tiff" else ending
+
+
+def _netcdf(data: Any, path: Path) -> None:
+    data.attrs |= _SIGNED
+    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+
+
+def _geotiff(plan: Any, path: Path) -> None:
+    """Write one band per layer; columns are azimuths, rows are zenith angles, both in degrees; there is no CRS."""
+    from ..plan.dataset import BAND_LAYERS, LAYERS, layer
+
+    known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]
+    for name, (unit, _) in BAND_LAYERS.items():
+        known += [(f"{name} {band}", unit, layer(plan, name)[k]) for k, band in enumerate(plan.bands)]
+    names, units, layers = zip(*known, strict=True)
+    down, across = (float(axis[1] - axis[0]) for axis in (plan.zenith, plan.azimuth))
+    meaning = "look from: columns are azimuths, rows zenith angles of the sensor [degree]"
+    sun = "zenith {:.3f}, azimuth {:.3f}".format(*plan.mission.sun)
+    found = Layer(np.stack(layers).astype(np.float32), meaning, names, units, tags={"SUN": sun})
+    found.write(path, interleave="band", transform=Affine(across, 0.0, -0.5 * across, 0.0, down, -0.5 * down))

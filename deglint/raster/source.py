@@ -4,8 +4,6 @@ A `RasterSource` opens its files at the first read. Each reading thread uses its
 for the next reader and are closed by `close`, or at the end of a `with` block.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 import os
@@ -38,7 +36,7 @@ class FileBands:
     warp: Mapping[str, Any] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
 
     @classmethod
-    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> FileBands:
+    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> Self:
         """All bands of the file that `info` describes; `nodatas` override the nodata of `info`."""
         return cls(
             path=info.paths[0],
@@ -58,11 +56,7 @@ class RasterSource:
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
-        self.files = tuple(files)
-        self.info = info
-        self._start()
-
-    def _start(self) -> None:
+        self.files, self.info = tuple(files), info
         self.deadline = math.inf  # time of time.monotonic() after which reads raise ReadError [s]
         self.pixels_read = 0  # pixels of all reads so far
         self._lock = threading.Lock()
@@ -78,14 +72,10 @@ class RasterSource:
         found.info, found.settled = info, True
         return found
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Files with absolute paths, as the copy may be used in another directory; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
-        return {"files": tuple(replace(f, path=p) for f, p in zip(self.files, paths, strict=True)), "info": self.info}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._start()
+        return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
 
     def __enter__(self) -> Self:
         return self
@@ -101,26 +91,10 @@ class RasterSource:
             dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values of a window.
+        """Physical values of 0-based bands in a window, (band, row, column); NaN where not valid or not finite.
 
-        Parameters
-        ----------
-        window : ((row0, row1), (col0, col1))
-            Half-open ranges inside the scene.
-        bands : sequence of int
-            0-based bands of the scene.
-
-        Returns
-        -------
-        (len(bands), rows, columns) ndarray
-            float32, or float64 where the files need it; NaN where not valid or not finite.
-
-        Raises
-        ------
-        InputError
-            The window reaches outside the scene.
-        ReadError
-            The file is truncated or damaged, or this source is closed.
+        They are float32, or float64 where the files need it. InputError if the window reaches outside the scene;
+        ReadError if the file is truncated or damaged, or if this source is closed.
         """
         raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
@@ -215,8 +189,8 @@ class ArraySource(RasterSource):
         super().__init__([FileBands(info.paths[0], tuple(range(1, info.count + 1)), info.nodatas)], info)
         self.values, self.origin = values, origin
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "values": self.values, "origin": self.origin}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ArraySource, (self.values, self.info, self.origin)
 
     def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from affine import Affine
 
 from ..errors import InputError
-from ..raster import FileBands, RasterSource
-from ..raster.info import describe_file, gdal_errors, one_line, quiet
+from ..raster import RasterSource
+from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
 from .grid import at, nearest_on, same_grid
 from .text import read_json
@@ -88,11 +89,19 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
             )
         column, row, width, height = map(int, parts)
         area = window_area(((row, row + height), (column, column + width)))
-        return _inside(area, scene, f"{option} {text}", "A window is column,row,width,height.")
-    if Path(text).suffix.lower() in (".geojson", ".json"):
-        area = polygons(read_json(text, option), scene, text)
-        return _inside(area, scene, f"{option} {text}", "Check the CRS, or draw it anew.")
-    return _raster_area(text, scene, option)
+        remedy = "A window is column,row,width,height."
+    elif Path(text).suffix.lower() in (".geojson", ".json"):
+        area, remedy = polygons(read_json(text, option), scene, text), "Check the CRS, or draw it anew."
+    else:
+        return _raster_area(text, scene, option)
+    (top, bottom), (left, right) = area.bounds
+    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
+    if rows[0] >= rows[1] or columns[0] >= columns[1]:
+        raise InputError(
+            f"{option} {text} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the "
+            f"scene has {scene.height} rows and {scene.width} columns. {remedy}"
+        )
+    return replace(area, bounds=(rows, columns))
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
@@ -101,7 +110,6 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     The member `crs` of the document names its CRS. Without it, coordinates are longitude and latitude (RFC 7946), or
     in the CRS of the scene if they are too large for that. If the scene has no CRS, they are in its coordinates.
     """
-    from rasterio.transform import Affine
     from rasterio.warp import transform_geom
 
     shapes = list(_polygons(document, name))
@@ -136,7 +144,6 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
     """GeoJSON polygons of the True parts of a mask; `origin` is the row and column of its first pixel in the scene."""
     from rasterio.features import shapes
-    from rasterio.transform import Affine
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
     with quiet():
@@ -155,8 +162,6 @@ def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str,
 
 def _moved(transform: Any, column: int, row: int) -> Any:
     """The affine transform of a window whose first pixel is at `column` and `row` of a raster with `transform`."""
-    from rasterio.transform import Affine
-
     x, y = at(transform, column, row)
     return Affine(transform.a, transform.b, x, transform.d, transform.e, y)
 
@@ -200,27 +205,49 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
         raise InputError(f"{name} names a CRS that is not known. Save it in EPSG:4326.") from error
 
 
-def _inside(area: Area, scene: Scene, name: str, remedy: str) -> Area:
-    """The area with its bounds clipped to the scene; InputError if it lies outside."""
-    (top, bottom), (left, right) = area.bounds
-    rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
-    if rows[0] >= rows[1] or columns[0] >= columns[1]:
-        raise InputError(
-            f"{name} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the scene has "
-            f"{scene.height} rows and {scene.width} columns. {remedy}"
-        )
-    return replace(area, bounds=(rows, columns))
-
-
 def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
-    whole = ((0, scene.height), (0, scene.width))
     apart = info.crs is None or scene.crs is None
-    if apart and (info.height, info.width) == (scene.height, scene.width):  # equal size: the grid of the scene
-        return Area(whole, partial(_in_raster, RasterSource([FileBands.of(info)], info)))
+    if apart and (info.height, info.width) == (scene.height, scene.width):
+        info = replace(info, transform=None)  # equal size: the grid of the scene
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
-    return Area(whole, partial(_in_raster, nearest_on(info, scene)))
+    return Area(((0, scene.height), (0, scene.width)), partial(_in_raster, nearest_on(info, scene)))
+
+
+def middle_of(path: str) -> tuple[float, float]:
+    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
+    from rasterio.warp import transform
+
+    if Path(path).suffix.lower() in (".geojson", ".json"):
+        document = read_json(path, "--place")
+        points = np.array([p for _kind, coordinates in geometries(document) for p in _points(coordinates)])
+        if not len(points):
+            raise InputError(f"{path} (--place) holds no point. Draw a point, a line or an area in it.")
+        x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        crs = crs_of(document, path)
+    else:
+        with open_dataset(path) as dataset:
+            crs, corner = dataset.crs, dataset.transform * (0.5 * dataset.width, 0.5 * dataset.height)
+        if crs is None:
+            raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
+        x, y = corner
+    try:
+        (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
+    except gdal_errors(ValueError) as error:
+        raise InputError(f"{path} (--place) has a place that cannot be found: {one_line(error)}.") from error
+    if not np.isfinite([latitude, longitude]).all() or abs(latitude) > 90.0:
+        raise InputError(f"{path} (--place) lies nowhere on Earth in its CRS. Give --lat and --lon.")
+    return float(latitude), float(longitude)
+
+
+def _points(node: Any) -> Iterator[tuple[float, float]]:
+    """Yield the points (x, y) in the coordinates of a geometry, which are lists nested to any depth."""
+    if isinstance(node, list) and len(node) > 1 and all(isinstance(n, (int, float)) for n in node[:2]):
+        yield float(node[0]), float(node[1])
+    elif isinstance(node, list):
+        for child in node:
+            yield from _points(child)

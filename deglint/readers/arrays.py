@@ -10,14 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from affine import Affine
 
 from ..errors import InputError
 from ..raster import RasterInfo
 from ..raster.source import ArraySource
 from ..scene import Scene
 from .bands import bands_of
-from .names import nominal_wavelength
 from .opening import with_nodata
+from .spectral import nominal_wavelength
 
 _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
@@ -57,16 +58,11 @@ class ArrayScene:
 def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
     """Open a DataArray as a scene; no pixel is computed.
 
-    Parameters
-    ----------
-    array : DataArray
-        Its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any order;
-        other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are read
-        from coordinates or attributes.
-    sensor : str, optional
-        Name of a preset, as in `deglint.open_scene`.
-    nodata : float or "none", optional
-        Nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid.
+    array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
+        order; other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are
+        read from coordinates or attributes.
+    sensor : name of a preset, as in `deglint.open_scene`
+    nodata : nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -209,8 +205,6 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
     """The affine transform from the coordinates; a declared one is used if it agrees, as its numbers are exact."""
-    from affine import Affine
-
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
     x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))

@@ -1,38 +1,46 @@
-"""The bands of a scene: their names and wavelengths, from tags, names and the sensor's preset.
+"""The bands and the sensor of a scene, from tags, names and the preset of the sensor.
 
-Properties in the file are kept; missing ones come from the preset of the sensor. Its bands are matched by name, else by
-wavelength, else by their number.
+Properties in the file are kept; missing ones come from the preset of the sensor, or from a user's file in the format of
+`deglint/sensors.toml`. Its bands are matched by name, else by wavelength, else by their number.
 """
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from os.path import commonprefix
+from typing import Any
 
 from .. import sensors
-from ..errors import BandError
+from ..checks import described
+from ..errors import BandError, InputError
 from ..raster import RasterInfo
-from ..scene import Band
-from ..sensors import Sensor, SensorBand
-from .names import (
-    band_code,
-    example_names,
-    letter_wavelengths,
-    nominal_wavelength,
-    only_numbered,
-    plain_name,
-    short_names,
-    wavelength_in_name,
-)
-from .sensorfile import sensor_of
-from .spectral import Spectral, saturation, spectral_of, time_offset, with_spectral
+from ..scene import Band, Scene
+from ..sensors import Optics, Sensor, SensorBand
+from . import spectral
+from .text import number, positive, read_toml
 
 _NOT_NAMES = ("gray", "undefined", "palette", "alpha")
+_PLACE = re.compile(r"(?:band|layer|channel)[\s_\-]*0*(\d+)")
 _SENTINEL2 = re.compile(r"b0\d|b0?8a")
 _PRESET_TITLES = {"sentinel2": "Sentinel-2", "landsat8": "Landsat 8 or 9"}
 _NEAR_BAND = 30.0  # largest difference at which wavelengths are matched [nm]
 _SAME_BAND = 60.0  # a larger difference shows that the order of bands is not the preset's [nm]
 _SENSOR_TAGS = ("sensor", "sensor_type", "sensor type", "satelliteid", "satellite", "platform", "instrument")
+_KINDS: Mapping[str, tuple[str, Any]] = {
+    "str": ("a text", str),
+    "float": ("a number", (int, float)),
+    "bool": ("true or false", bool),
+    "Optics": ("a table", dict),
+}
+"""For each type of a field that is not a list: its name in messages, and the Python type of its value."""
+_BAND, _OPTICS, _SENSOR = (
+    {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
+)
+_OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
+"""Types of the entries in a file of a sensor, as text."""
+_USUAL_WIDTH = 50.0  # width of a band if not given [nm], as most bands of multispectral sensors have
+_CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 
 
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
@@ -45,12 +53,12 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     bands = [
         Band(
             name=name,
-            wavelength=known.wavelength or (None if i in unnamed else wavelength_in_name(name)),
-            width=known.width,
-            time_offset=time_offset(info.band_tags[i]),
-            saturation=saturation(info, i),
+            wavelength=wavelength or (None if i in unnamed else spectral.wavelength_in_name(name)),
+            width=width,
+            time_offset=spectral.time_offset(info.band_tags[i]),
+            saturation=spectral.saturation(info, i),
         )
-        for i, (name, known) in enumerate(zip(names, spectral_of(info), strict=True))
+        for i, (name, (wavelength, width)) in enumerate(zip(names, spectral.spectral_of(info), strict=True))
     ]
     bands, preset, told = _with_sensor(bands, info, sensor, unnamed)
     bands, guessed = _from_names(bands, unnamed)
@@ -63,7 +71,7 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
     )
-    return with_spectral(replace(info, descriptions=names), [Spectral(b.wavelength, b.width) for b in bands])
+    return spectral.with_spectral(replace(info, descriptions=names), [(b.wavelength, b.width) for b in bands])
 
 
 def _with_sensor(
@@ -89,15 +97,13 @@ def _with_sensor(
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
     """Fill missing wavelengths from names: unambiguous codes of a sensor, else colours; return the bands, and notes."""
-    if all(b.wavelength is not None for b in bands):
-        return bands, []
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
-    letters = letter_wavelengths([b.name for b in bands])
+    letters = spectral.letter_wavelengths([b.name for b in bands])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, letters, strict=True)):
         own = None if sensor is None or i in unnamed else named_in(band.name, sensor)
-        nominal = own.wavelength if own else letter or (None if sensor else nominal_wavelength(band.name))
+        nominal = own.wavelength if own else letter or (None if sensor else spectral.nominal_wavelength(band.name))
         filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
     changed = [b.name for b, old in zip(filled, bands, strict=True) if b is not old and b.wavelength]
     if changed and sensor:
@@ -114,24 +120,21 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
     Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
     """
     plain = [sensors.normalise(n) for n in names]
-    codes = {c for n in names if (c := band_code(n))}
+    codes = {c for n in names if (c := spectral.band_code(n))}
     if any(p.startswith("srb") for p in plain):
         return sensors.load("landsat8") if "6" in codes and codes <= set("1234567") else None
-    own = {band_code(b.name) for b in sensors.load("sentinel2").bands}
+    own = {spectral.band_code(b.name) for b in sensors.load("sentinel2").bands}
     sure = "8a" in codes or "12" in codes or (len(codes) > 2 and "8" in codes and "5" not in codes)
     spelled = any(_SENTINEL2.fullmatch(p) for p in plain) or {"nbartswir3", "nbartnir2", "nbartrededge1"} & set(plain)
     return sensors.load("sentinel2") if spelled or (sure and codes <= own) else None
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band, and the 0-based bands whose name is only their number.
-
-    The name is the description of the band, else the name of its file, else its colour, else "band N".
-    """
+    """One name per band: description, else file, else colour, else "band N"; and the 0-based bands called by number."""
     names, unnamed = [], set()
-    for i, (described, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
+    for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
-        name = (described or "").strip() or stem or ("" if colour in _NOT_NAMES else colour)
+        name = (stated or "").strip() or stem or ("" if colour in _NOT_NAMES else colour)
         if not name:
             unnamed.add(i)
         names.append(name or f"band {i + 1}")
@@ -143,6 +146,29 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
         if seen[name.casefold()] > 1:
             names[i] = f"{name} ({seen[name.casefold()]})"
     return names, frozenset(unnamed)
+
+
+def only_numbered(names: Sequence[str]) -> bool:
+    """Whether the names only number the bands in order: "Band 1", "Band 2", ..."""
+    found = [_PLACE.fullmatch(n.strip().lower()) for n in names]
+    return all(m is not None and int(m[1]) == i for i, m in enumerate(found, start=1))
+
+
+def short_names(stems: Sequence[str]) -> list[str]:
+    """Names of bands from names of files with one band: the code ("B08"), else the part that differs between files."""
+    codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
+    rest = list(stems)
+    if len(stems) > 1 and all(stems):
+        split = [re.split(r"([\s_\-.]+)", s) for s in stems]
+        least = min(map(len, split)) - 1  # at least one part of each name remains
+        front, back = (
+            min(len(commonprefix(parts)), least)  # noqa: RUF071  (parts of names, not of paths)
+            for parts in (split, [s[::-1] for s in split])
+        )
+        cut = ["".join(s[front : len(s) - back]).strip(" _-.") for s in split]
+        if all(cut) and not all(c.isdecimal() for c in cut) and len(set(cut)) == len(cut):
+            rest = cut
+    return [c[0] if len(c) == 1 else r for c, r in zip(codes, rest, strict=True)]
 
 
 def apply_sensor(
@@ -199,16 +225,16 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
     return (
         f"sensor {sensor.name} does not fit the file: {why}. The file has {', '.join(b.name for b in bands)}; the "
         f"preset has {', '.join(b.name for b in sensor.bands)}. Leave the sensor out, or name the {len(bands)} bands "
-        f'in the file\'s order, such as --bands "{example_names(len(bands))}".'
+        f'in the file\'s order, such as --bands "{spectral.example_names(len(bands))}".'
     )
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
     """The band of a preset with this name, alias (a prefix such as "sr_" is ignored) or code; None without a match."""
-    if answers := [b for wanted in (name, plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
+    if answers := [b for wanted in (name, spectral.plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
-    code = band_code(name)
-    fits = [b for b in sensor.bands if code and code in map(band_code, (b.name, *b.aliases))]
+    code = spectral.band_code(name)
+    fits = [b for b in sensor.bands if code and code in map(spectral.band_code, (b.name, *b.aliases))]
     return fits[0] if len(fits) == 1 else None
 
 
@@ -220,3 +246,71 @@ def _nearest(wavelength: float, sensor: Sensor) -> SensorBand | None:
 def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
     taken = [b for b in found if b is not None]
     return found if len({b.name for b in taken}) == len(taken) else [None] * len(found)
+
+
+def sensor_of(name: str) -> Sensor:
+    """The preset called `name`, or the sensor in the ``.toml`` file called `name`; InputError if it is not valid."""
+    if not name.lower().endswith(".toml"):
+        return sensors.load(name)
+    document = read_toml(name, "--sensor")
+    if len(document) != 1 or not isinstance(next(iter(document.values())), Mapping):
+        raise InputError(f"{name} (--sensor): want one table, such as [mycamera], with title and bands in it.")
+    ((key, entry),) = document.items()
+    where = f"{name} (--sensor): [{key}]"
+    checked: dict[str, Any] = {"wavelength_status": "defined", "time_status": "defined", "title": key} | dict(entry)
+    _check(where, entry, _OF_FILE, ("bands",))
+    checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
+    own = [band["name"] for band in checked["bands"]]
+    if not all(isinstance(product, list) and set(product) <= set(own) for product in entry.get("products", ())):
+        raise InputError(f"{where}: products: want lists of {', '.join(own)}.")
+    if "optics" in entry:
+        _check(f"{where} optics", entry["optics"], _OPTICS)
+        checked["optics"] = {"status": "defined"} | dict(entry["optics"])
+    return sensors.sensor_from(name, checked)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownOptics:
+    """Parameters of the point spread function of a sensor: optics, detector and motion."""
+
+    f_number: float  # focal length divided by the diameter of the aperture
+    pitch: float  # distance between elements of the detector [m]
+    smear: float  # motion during the exposure, along a column [pixel]
+    source: str  # where the numbers come from, as text
+
+
+def optics_of(scene: Scene) -> KnownOptics | None:
+    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None if unknown."""
+    info: RasterInfo | None = getattr(scene.source, "info", None)
+    spaces = [] if info is None else info.tags.values()
+    tags = {k.upper(): v for part in spaces for k, v in part.items()}
+    f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
+    if f_number and pitch:
+        smear = number(tags.get("SMEAR_PIXELS"))
+        return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
+    sensor = sensor_of(scene.sensor) if scene.sensor else None
+    optics = sensor.optics if sensor else None
+    if sensor is None or optics is None or optics.pixel_pitch is None or optics.f_number is None:
+        return None
+    return KnownOptics(optics.f_number, 1e-6 * optics.pixel_pitch, 0.5, f"preset {sensor.name} ({optics.status})")
+
+
+def _band(where: str, band: Any) -> dict[str, Any]:
+    if not isinstance(band, Mapping):
+        raise InputError(f'{where}: want a table such as {{ name = "NIR", wavelength = 842 }}, got {described(band)}.')
+    _check(where, band, _BAND, ("name", "wavelength"))
+    if not _CENTRE_RANGE[0] <= band["wavelength"] <= _CENTRE_RANGE[1]:
+        low, high = _CENTRE_RANGE
+        raise InputError(f"{where}: wavelength: allowed is {low:g} to {high:g} nm, got {band['wavelength']}.")
+    return {"width": _USUAL_WIDTH} | dict(band)
+
+
+def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], needed: tuple[str, ...] = ()) -> None:
+    for key, value in entry.items():
+        if key not in allowed:
+            raise InputError(f"{where}: {key!r} is not one of {', '.join(allowed)}.")
+        wanted, kind = _KINDS.get(allowed[key], ("a list", list))
+        if not isinstance(value, kind):
+            raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
+    if missing := [key for key in needed if key not in entry]:
+        raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

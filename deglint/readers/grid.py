@@ -1,7 +1,7 @@
-"""Put several files on one grid: choose the grid, and resample the files.
+"""The grid of pixels: the size of pixels on the ground, and several files on one grid.
 
-The grid comes from the file with the smallest pixels, or from a selected file. Files on other grids are resampled while
-they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
+The grid of several files is that of the file with the smallest pixels, or of a selected file. Files on other grids are
+resampled while they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
 """
 
 import math
@@ -9,12 +9,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from affine import Affine
+
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..raster.info import describe_file
+from ..raster.info import describe_file, gdal_errors
 from ..scene import Scene
+from .text import positive
 
 _OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
+_GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
+_TRUE = 0.01  # relative error of lengths in a map projection that is neglected; UTM has at most 0.001
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
@@ -23,7 +29,13 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     `grid` is "finest" (the default), or selects a file by its 1-based number, its name or the end of its name.
     """
     files = [FileBands.of(info) for info in infos]
-    _check_georeference(infos)
+    sizes = {(i.height, i.width) for i in infos}
+    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
+        without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
+        if len(sizes) > 1 and 0 < len(without) < len(infos):
+            raise InputError(
+                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
+            )
     bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
     chosen = _choose(infos, areas, grid)
     reference, here = infos[chosen], bounds[chosen]
@@ -69,20 +81,8 @@ def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int
     return fits[0]
 
 
-def _check_georeference(infos: Sequence[RasterInfo]) -> None:
-    sizes = {(i.height, i.width) for i in infos}
-    for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
-        without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
-        if len(sizes) > 1 and 0 < len(without) < len(infos):
-            raise InputError(
-                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
-            )
-
-
 def _transform(info: RasterInfo | Scene) -> Any:
     """The affine transform of a file; if it has none, a transform to the unit square."""
-    from affine import Affine
-
     if info.transform is not None:
         return info.transform
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
@@ -127,10 +127,7 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads a file of class numbers on another grid, by nearest neighbour.
-
-    `nodata` overrides the nodata of the file.
-    """
+    """Source that reads class numbers on another grid, by nearest neighbour; `nodata` overrides that of the file."""
     file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
     if not same_grid(info, grid):
         file = _warped(file, info, grid, how="nearest")
@@ -155,7 +152,6 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     from rasterio.enums import Resampling
 
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
-    file = replace(file, flat=None)  # the correction holds only for pixels that are not resampled
     warp: dict[str, Any] = {
         "src_crs": info.crs or anywhere,
         "crs": reference.crs or anywhere,
@@ -167,13 +163,62 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
-    floating = "float" in info.dtypes[0]
-    declared = next((n for n in file.nodatas if n is not None), math.nan if floating else None)
+    nodatas, alpha = file.nodatas, file.alpha
+    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     if declared is not None:
         warp |= {"src_nodata": declared, "nodata": declared}
-        nodatas = tuple(declared for _ in file.nodatas)
-        return replace(file, warp=warp, nodatas=nodatas, masked=False)
-    if file.alpha is None:
-        file = replace(file, alpha=info.count + 1)
-        warp["add_alpha"] = True
-    return replace(file, warp=warp, masked=False)
+        nodatas = (declared,) * len(nodatas)
+    elif alpha is None:
+        warp["add_alpha"], alpha = True, info.count + 1
+    # no flat field: it holds only for pixels that are not resampled
+    return replace(file, warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
+
+
+def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
+    """Sides of the central pixel of a raster on the ground [m]: along a row, and along a column.
+
+    They are distances on the ellipsoid, as coordinates may be degrees, and the metres of web Mercator are too long by
+    1 / cos(latitude). `height` and `width` are the size of the raster [pixel]. None without a valid CRS and transform.
+    """
+    from rasterio.warp import transform as to_crs
+
+    if transform is None or crs is None or transform.is_identity:
+        return None
+    x, y = transform * (0.5 * width, 0.5 * height)
+    steps = (transform.a, transform.d), (transform.b, transform.e)
+    xs, ys = zip(*((x + end * dx, y + end * dy) for dx, dy in steps for end in (-0.5, 0.5)), strict=True)
+    try:
+        places = np.array(to_crs(crs, _GEOCENTRIC, xs, ys, zs=[0.0] * 4))
+    except gdal_errors(ValueError):
+        return None
+    across, down = np.linalg.norm(places[:, 1::2] - places[:, ::2], axis=0).tolist()
+    if not all(0.0 < side < math.inf for side in (across, down)):
+        return None
+    if crs.is_projected:
+        unit = float(crs.linear_units_factor[1])
+        stated = unit * math.hypot(*steps[0]), unit * math.hypot(*steps[1])
+        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), stated, strict=True)):
+            return stated
+    return across, down
+
+
+def pixel_size(scene: Scene) -> float | None:
+    """Mean side of a pixel on the ground [m], from georeferencing or else the tag GSD_M; None if not known."""
+    info = getattr(scene.source, "info", None)
+    if scene.transform is None or scene.transform.is_identity:
+        tags = info.tags.get("", {}) if info is not None else {}
+        return positive(tags.get("GSD_M"))
+    sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
+    return None if sides is None else math.sqrt(sides[0] * sides[1])
+
+
+def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
+    """Area of the central pixel of a raster on the ground [m2]; None if `ground_size` returns None.
+
+    Rows and columns need not be perpendicular; the angle between them is taken from the raster's coordinates.
+    """
+    sides = ground_size(transform, crs, height, width)
+    if sides is None:
+        return None
+    lengths = math.hypot(transform.a, transform.d) * math.hypot(transform.b, transform.e)
+    return sides[0] * sides[1] * abs(transform.determinant) / lengths

@@ -21,13 +21,12 @@ from ..raster import RasterInfo, RasterSource
 from ..raster.convert import holds
 from ..raster.info import describe_file
 from ..scene import Scene
-from . import products, stac
-from .bands import bands_of, labelled
+from . import products
+from .bands import bands_of, labelled, sensor_of
 from .grid import put_on_grid
-from .names import example_names
 from .roles import Wanted, explain_nir, split_wanted
-from .sensorfile import sensor_of
-from .spectral import SPECTRAL_RANGE, Spectral, nanometres, own_facts, with_spectral
+from .scenes import assets_of
+from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with_spectral
 
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]
@@ -106,7 +105,13 @@ def _stacked(
     stated: Stated,
 ) -> Scene:
     notes: list[str] = []
-    opened = _opened(paths, preset, nir, stated, notes)
+    assets = [asset for path in paths for asset in assets_of(path)]
+    alone = stated.count if len(assets) == 1 else None
+    opened = []
+    for asset in assets:
+        held = products.opened(asset.path, lambda name: _describe(name, preset, nir, notes, alone))
+        opened.append(replace(held, infos=[asset.put_on(info) for info in held.infos]))
+    notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = stated.on(_together(infos, reference))
@@ -129,39 +134,20 @@ def _stacked(
     )
 
 
-def _opened(
-    paths: Sequence[str], sensor: str | None, nir: Wanted | None, stated: Stated, notes: list[str]
-) -> list[products.OpenedFiles]:
-    """Describe the files that the names stand for, with properties from STAC Items; notes are appended to `notes`."""
-    assets = [asset for path in paths for asset in stac.assets_of(path)]
-    alone = stated.count if len(assets) == 1 else None
-    found = []
-    for asset in assets:
-        files = products.opened(asset.path, lambda name: _describe(name, sensor, nir, notes, alone))
-        found.append(replace(files, infos=[asset.put_on(info) for info in files.infos]))
-    notes += products.notes_of(found)
-    return found
-
-
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
-    """Describe a file. Its alpha band is a band of the scene if `nir` selects it or the number of bands requires it."""
+    """Describe a file. Its alpha band is a band of the scene if `nir`, the user's `count` or the sensor requires it."""
     info = describe_file(path)
     if info.alpha is None:
         return info
     asked = [] if nir is None else split_wanted(nir)
-    if _needs_alpha(info, sensor, count) or str(info.alpha) in map(str, asked):
+    more = info.count + 1  # number of bands with the alpha band
+    known = None if sensor is None else sensor_of(sensor)
+    fits = known is not None and info.count not in known.counts and more in (len(known.bands), *known.counts)
+    if fits or count == more or str(info.alpha) in map(str, asked):
         return describe_file(path, alpha_is_band=True)
     what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
     return info
-
-
-def _needs_alpha(info: RasterInfo, sensor: str | None, count: int | None) -> bool:
-    """Whether the number of bands that the user states (`count`) or that the sensor has includes the alpha band."""
-    if sensor is None or count == info.count + 1:
-        return count == info.count + 1
-    known = sensor_of(sensor)
-    return info.count not in known.counts and info.count + 1 in (len(known.bands), *known.counts)
 
 
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
@@ -240,7 +226,7 @@ class Stated:
                     "file's order; -b chooses bands."
                 )
         return replace(
-            with_spectral(info, [Spectral(w) for w in self.wavelengths]) if self.wavelengths else info,
+            with_spectral(info, [(w, None) for w in self.wavelengths]) if self.wavelengths else info,
             descriptions=self.names or info.descriptions,
             scales=scales or info.scales,
             offsets=offsets or info.offsets,

@@ -10,21 +10,19 @@ from ..checks import check_kind, described, nearest
 from ..errors import BandError, InputError
 from ..scene import Scene
 from ..sensors import normalise
-from .names import band_code, example_names, nominal_wavelength
+from .spectral import band_code, example_names, nominal_wavelength
 
 Wanted = str | int | Sequence[str | int]
 
 NIR_CENTRE = 842.0
 """Preferred wavelength of the near infrared [nm]: longer than the red edge, shorter than absorption by water vapour."""
-_NIR_BEST = (750.0, 900.0)
-_NIR_LAST = (900.0, 1050.0)
 _RED_EDGE, _WATER = 750.0, 700.0
 """Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, water itself."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
     "green": [((520.0, 600.0), 555.0)],
     "red": [((620.0, 690.0), 660.0)],
-    "nir": [(_NIR_BEST, NIR_CENTRE), (_NIR_LAST, NIR_CENTRE)],
+    "nir": [((750.0, 900.0), NIR_CENTRE), ((900.0, 1050.0), NIR_CENTRE)],
     "swir": [((1500.0, 1800.0), 1610.0), ((2000.0, 2400.0), 2200.0)],
 }
 """For each role, wavelength ranges in order of preference, each with its preferred wavelength [nm]."""

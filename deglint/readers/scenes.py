@@ -1,20 +1,208 @@
-"""List the scenes of a batch from names, patterns, a CSV or a STAC ItemCollection."""
+"""From names to scenes: the files of a STAC Item, and the scenes of a batch.
+
+The name of an Item can replace the name of a raster: a local file or a URL, "FILE#ID" for an Item of an ItemCollection,
+and "FILE#ID#KEY,KEY" for some of its assets. The scenes of a batch come from names, patterns, a CSV or a STAC
+ItemCollection.
+"""
 
 import csv
 import glob
 import io
+import json
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urljoin
 
-from ..errors import InputError, ReadError
-from .products import name_of
-from .stac import bands_of_item, items_of, read_document
-from .text import read_text
+from ..errors import DeglintError, InputError, ReadError
+from ..raster import RasterInfo
+from . import products
+from .products.metadata import ProductBand, angle_tags, filled, tags_of
+from .spectral import nanometres, nominal_wavelength
+from .text import number, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
+_REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
+_RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
+_NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
+_NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
+"""Roles and keys of assets that are pictures or documents, not bands."""
+_NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
+"""Common names of bands that are not used: panchromatic (its finer grid would apply to all bands) and thermal."""
+_STAC_PATIENCE = 60.0  # timeout of a server that sends Items [s]
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A file, and the properties of its bands in a STAC Item; there are none for a file without an Item."""
+
+    path: str  # GDAL name
+    bands: tuple[ProductBand, ...] = ()
+    tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
+
+    def put_on(self, info: RasterInfo) -> RasterInfo:
+        """A copy of a file's description with the Item's properties, as by `filled`; `info` if band counts differ."""
+        if len(self.bands) != info.count:
+            return info
+        nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
+        return replace(filled(info, self.bands, self.tags, None), nodatas=nodatas)
+
+
+def assets_of(name: str) -> list[Asset]:
+    """The files that a name stands for: the assets of a STAC Item that are its bands, or the file itself."""
+    found = _NAME.fullmatch(name)
+    if found is None or products.name_of(name) is not None:  # a product may have its metadata in JSON
+        return [Asset(name)]
+    path, wanted, keys = found[1], found[2] or "", tuple(k for k in (found[3] or "").split(",") if k)
+    items = items_of(read_document(path), path)
+    fits = [i for i in items if wanted in ("", i["id"])]
+    if len(fits) != 1:
+        ids = ", ".join(i["id"] for i in items[:10]) or "none"
+        raise InputError(f"{name} holds {len(fits)} STAC Items. Name one as {path}#ID; there are {ids}.")
+    return bands_of_item(fits[0], path, keys)
+
+
+def files_of(name: str) -> tuple[str, ...]:
+    """GDAL names of all files that a name stands for.
+
+    For a STAC Item they are the Item and the files of its bands; for a product, the files of the product; otherwise, or
+    if the Item cannot be read, the name itself.
+    """
+    try:
+        assets = assets_of(name)
+        found = tuple(file for asset in assets for file in products.files_of(asset.path))
+    except DeglintError:  # the error is raised when the scene is opened
+        return (name,)
+    return found if assets == [Asset(name)] else (name.partition("#")[0], *found)
+
+
+def read_document(path: str) -> Mapping[str, Any]:
+    """The JSON object in a local file or at a URL; ReadError or InputError if there is none."""
+    return _fetched(path) if re.match(r"https?://", path, re.IGNORECASE) else read_json(path, "STAC")
+
+
+@lru_cache(maxsize=16)  # an Item is read twice: for the names of its files, and to open them
+def _fetched(path: str) -> Mapping[str, Any]:
+    from urllib.request import Request, urlopen
+
+    try:
+        with urlopen(Request(path, headers={"Accept": "application/json"}), timeout=_STAC_PATIENCE) as answer:
+            document = json.load(answer)
+    except (OSError, ValueError, RecursionError) as error:
+        why = getattr(error, "reason", None) or error
+        raise ReadError(
+            f"cannot read the STAC Item {path}: {why}. Check the address, or save the Item as a file."
+        ) from error
+    if not isinstance(document, Mapping):
+        raise InputError(f"{path} is not a STAC Item: it holds no object.")
+    return document
+
+
+def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
+    """The Items in a document, which is an ItemCollection or one Item; InputError for anything else."""
+    found = document.get("features") if document.get("type") == "FeatureCollection" else [document]
+    items = found if isinstance(found, list) else []
+    for i, item in enumerate(items, start=1):
+        held = item.get("assets") if isinstance(item, Mapping) else None
+        if not isinstance(held, Mapping) or not isinstance(item.get("id"), str):
+            raise InputError(
+                f"{path}: feature {i} is not a STAC Item: it lacks an id or assets. Name a raster or a STAC Item."
+            )
+    return items
+
+
+def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
+    """The assets of an Item that are its bands: those with the `keys`, else as declared; `path` is its name."""
+    assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
+    if missing := [k for k in keys if k not in assets]:
+        raise InputError(
+            f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
+            "that are the bands, in a recipe as [input] assets."
+        )
+    facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
+    # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
+    # but Items of Sentinel-2 and PlanetScope use it so
+    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
+             "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
+    angles: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
+    texts = {k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
+    tags = tags_of(texts | angle_tags(**angles))
+    applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
+    found = []
+    for key in keys or _chosen(assets, what):
+        file = href(assets[key], path)
+        bands = [band for _, band in _said(assets[key], key, file, applied=applied)]
+        found.append(Asset(file, tuple(bands), tags))
+    return found
+
+
+def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
+    """Keys of the assets that are bands: several of one band each, by wavelength, or one; `what` names the Item."""
+    rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
+    usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
+    said = {k: _said(a, k) for k, a in usable.items()}
+    singles: dict[str, str] = {}
+    for key, bands in said.items():
+        if len(bands) == 1 and bands[0][1].wavelength is not None and bands[0][0] not in _NOT_BANDS:
+            name = bands[0][1].name
+            tiff = "tiff" in str(usable[key].get("type"))  # of two formats TIFF is used, as it is read in parts
+            if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
+                singles[name] = key
+    several = [k for k, bands in said.items() if len(bands) > 1]
+    if len(singles) > 1:
+        return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
+    if len(several) == 1:
+        return several
+    data = [k for k, a in rasters.items() if "data" in (a.get("roles") or ())]
+    keys = data or list(rasters) or list(assets)
+    if len(keys) == 1:
+        return keys
+    raise InputError(
+        f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Name those that are the bands, in their "
+        "order, in the recipe: [input] assets."
+    )
+
+
+def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
+    """Common name and properties of each band of an asset, whose `file` has this GDAL name.
+
+    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `key` is the name of a
+    band without one. `applied`: the offset of the Item was applied to the file values before; the one returned is 0.
+    """
+    given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
+    lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
+    count = max(map(len, lists), default=0)
+    found = []
+    for i in range(count):
+        said: dict[str, Any] = {}
+        for own in [asset, *(n[i] for n in lists if len(n) == count)]:
+            said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
+        common = str(said.get("common_name") or "")
+        name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
+        centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
+        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
+        band = ProductBand(file, name, wavelength, nanometres(width, "um") if width else None)
+        scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
+        unit = said["unit"] if isinstance(said.get("unit"), str) else None
+        offset = 0.0 if applied or offset is None else offset
+        found.append((common, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
+    return found
+
+
+def href(asset: Any, path: str) -> str:
+    """GDAL name of the file of an asset; a relative link is resolved from `path`, the name of the Item."""
+    given = asset.get("href") if isinstance(asset, Mapping) else None
+    if not isinstance(given, str) or not given:
+        raise InputError(f"{path}: an asset has no href.")
+    if _REMOTE_ITEM.match(given):
+        return given
+    if given.lower().startswith("file://"):
+        return unquote(given[7:])
+    return urljoin(path, given) if _REMOTE_ITEM.match(path) else str(Path(path).parent / given)
 
 
 @dataclass(frozen=True)
@@ -34,15 +222,11 @@ class ListedScene:
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
     """List the scenes that arguments of a command name, in their order.
 
-    Parameters
-    ----------
-    given : sequence of str
-        GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
-        files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
-        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
-    assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as bands,
-        else the only raster with the role "data", else the only raster.
+    given : GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of
+        local files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
+        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``)
+    assets : keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as
+        bands, else the only raster with the role "data", else the only raster.
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
@@ -52,7 +236,7 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
 
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     ending = Path(text).suffix.lower()
-    if name_of(text) is not None:
+    if products.name_of(text) is not None:
         yield ListedScene(_stem(text), (text,))
     elif _MAGIC.search(text) and not Path(text).exists():
         names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  (Path.glob knows no absolute patterns)
@@ -74,7 +258,7 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 def _stem(path: str) -> str:
     """Name of a scene: the name of the product, else the file name without folder and ending."""
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
-    return checked_name(name_of(path) or Path(last).stem or last, path)
+    return checked_name(products.name_of(path) or Path(last).stem or last, path)
 
 
 def checked_name(name: str, origin: str) -> str:

@@ -15,7 +15,7 @@ from deglint.masks import Roles, WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, role_bands
 from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
-from deglint.readers.place import ground_area
+from deglint.readers.grid import ground_area
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
 from deglint.readers.text import read_json, read_text
 from deglint.scene import Scene

@@ -24,7 +24,7 @@ from deglint.raster.info import open_dataset
 from deglint.raster.output import Layout, Scratch, plain, write_json, write_text, writing_all
 from deglint.raster.targets import check_images, check_targets
 from deglint.readers import open_scene
-from deglint.readers.stac import files_of
+from deglint.readers.scenes import files_of
 from deglint.readers.text import read_json
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene

@@ -13,8 +13,7 @@ from deglint.errors import InputError
 from deglint.pipeline.overview import raster_of
 from deglint.readers import open_scene
 from deglint.readers.areas import open_area, polygons
-from deglint.readers.grid import at, same_grid
-from deglint.readers.place import ground_area
+from deglint.readers.grid import at, ground_area, same_grid
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 

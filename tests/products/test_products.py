@@ -262,7 +262,7 @@ def test_remove_writes_the_products_own_numbers(deglint, make, sea, read, tmp_pa
     said = json.loads((tmp_path / "out.tif.json").read_text())
     assert find(str(path)).name in said["notes"][0]
     assert said["product"].endswith(find(str(path)).name)
-    assert {f["path"] for f in said["input"]} >= set(find(str(path)).files)
+    assert {f["path"] for f in said["input"]} >= {band.path for band in find(str(path)).bands}
 
 
 def test_info_and_score_open_products(deglint, make, sea, tmp_path, capfd):

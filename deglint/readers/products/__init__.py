@@ -15,8 +15,7 @@ from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo, RasterSource
 from ..grid import footprints_on
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .metadata import Container, MetadataError, is_archive, open_archive, open_folder
-from .product import Product, described
+from .metadata import Container, MetadataError, Product, described, is_archive, open_archive, open_folder
 
 PRODUCTS: dict[str, Any] = {
     "Sentinel-2 L1C and L2A": sentinel2,
@@ -116,8 +115,9 @@ def files_of(path: str) -> tuple[str, ...]:
     product = find(path)
     if product is None:
         return (path,)
+    images = (band.path for band in product.bands)
     footprints = (band.footprint for band in product.bands if band.footprint)
-    return tuple(dict.fromkeys((*product.files, *footprints, *product.texts)))
+    return tuple(dict.fromkeys((*images, *footprints, *product.texts)))
 
 
 def _local(path: str) -> Path | None:

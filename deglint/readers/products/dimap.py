@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import Container, angle_tags, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, said, said_number, tags_of
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
@@ -38,9 +37,7 @@ def find(container: Container) -> Product | None:
             found.append((member, root, tiles))
     if not found:
         return None
-    if len(found) > 1:
-        raise container.several("multispectral images", (container.gdal(m) for m, *_ in found))
-    member, root, tiles = found[0]
+    member, root, tiles = container.only(found, "multispectral images", (container.gdal(m) for m, *_ in found))
     for tile in tiles:
         if container.beside(member, tile) is None:
             raise InputError(
@@ -55,12 +52,11 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     special = {
         said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in root.iter("Special_Value")
     }
-    bands = []
-    for i, band in enumerate(ids, start=1):
-        scale, offset, unit = _factors(root, band, processing)
-        centre, width = _spectral(root, band)
-        bands.append(ProductBand(container.gdal(member), _NAMES.get(band, band), i, centre, width, scale, offset, unit,
-                                 special.get("NODATA", 0.0), special.get("SATURATED")))  # fmt: skip
+    marks: dict[str, Any] = {"nodata": special.get("NODATA", 0.0), "saturation": special.get("SATURATED")}
+    bands = [
+        ProductBand(container.gdal(member), _NAMES.get(band, band), **marks, **_band(root, band, processing))
+        for band in ids
+    ]
     if any(b.unit is None for b in bands):
         why = "without gains" if processing in _SCALED else f"made for display ({processing})"
         notes.append(f"the product is {why}: its numbers are taken as they stand")
@@ -106,9 +102,8 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
     """Names of the bands (BAND_ID) in the order of the image, and notes."""
-    parts = list(root.iter("Data_Files"))  # Pleiades Neo has two, with three bands each
-    if not any(part.find(".//Raster_Index") is not None for part in parts):
-        parts = [root]
+    # Pleiades Neo has two parts, with three bands each
+    parts = [part for part in root.iter("Data_Files") if part.find(".//Raster_Index") is not None] or [root]
     placed = [
         (i, said_number(node, "BAND_INDEX") or 0, said(node, "BAND_ID"))
         for i, part in enumerate(parts)
@@ -131,27 +126,18 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
     return ids, [note] if count > 1 else []
 
 
-def _of_band(root: ET.Element, kind: str, band: str) -> ET.Element | None:
-    return next((n for n in root.iter(kind) if said(n, "BAND_ID") == band), None)
-
-
-def _factors(root: ET.Element, band: str, processing: str) -> tuple[float, float, str | None]:
-    """Scale, offset and unit of the physical values of a band; 1, 0 and None if they are not known."""
+def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
+    """Scale, offset, unit, wavelength and width of a band, as fields of `ProductBand`; only those that are known."""
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
-    node = _of_band(root, kind, band)
-    gain, bias = positive(said(node, "GAIN")), said_number(node, "BIAS")
-    if gain is None or bias is None or processing not in _SCALED:
-        return 1.0, 0.0, None
-    return 1 / gain, bias, unit
-
-
-def _spectral(root: ET.Element, band: str) -> tuple[float | None, float | None]:
-    """Centre and width of a band [nm]; None if they are not known."""
-    node = _of_band(root, "Band_Spectral_Range", band)
-    unit = said(node, "MEASURE_UNIT")
-    low, high = (
-        None if (end := positive(said(node, name))) is None else nanometres(end, unit) for name in ("MIN", "MAX")
+    factors, ends = (
+        next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in (kind, "Band_Spectral_Range")
     )
-    if low is None or high is None or high <= low:
-        return None, None
-    return 0.5 * (low + high), high - low
+    found: dict[str, Any] = {}
+    gain, bias = positive(said(factors, "GAIN")), said_number(factors, "BIAS")
+    if gain is not None and bias is not None and processing in _SCALED:
+        found = {"scale": 1 / gain, "offset": bias, "unit": unit}
+    stated = (positive(said(ends, name)) for name in ("MIN", "MAX"))
+    low, high = (None if end is None else nanometres(end, said(ends, "MEASURE_UNIT")) for end in stated)
+    if low is not None and high is not None and high > low:
+        found |= {"wavelength": 0.5 * (low + high), "width": high - low}
+    return found

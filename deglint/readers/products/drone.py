@@ -21,8 +21,7 @@ import numpy as np
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
 from ..text import number, numbers, positive
-from .metadata import Container, MetadataError, tags_of, xml_of
-from .product import Product, ProductBand, filled
+from .metadata import Container, MetadataError, Product, ProductBand, filled, tags_of, xml_of
 
 METADATA = r"(?!)"  # matches nothing: the metadata are inside each image
 IMAGES = (
@@ -53,10 +52,9 @@ def find(container: Container) -> Product | None:
     captures = {k: v for k, v in captures.items() if len(v) > 1}
     if not captures:
         return None
-    if len(captures) > 1:
-        files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
-        raise container.several("captures", sorted(captures), f"Name the files of one: {files}")
-    ((capture, members),) = captures.items()
+    files = " ".join(map(container.gdal, sorted(next(iter(captures.values())))))
+    every = list(captures.items())
+    capture, members = container.only(every, "captures", sorted(captures), f"Name the files of one: {files}")
     return _product(container, PurePosixPath(capture).name, members)
 
 
@@ -135,8 +133,8 @@ def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[st
     centres, widths = (v if len(v) == len(names) else none for v in (centres, widths))
     radiometry, notes = _radiometry(info, facts) if is_capture(info) else ({}, [])
     return [
-        ProductBand(info.paths[0], name, number=i, wavelength=centre, width=width, **radiometry)
-        for i, (name, centre, width) in enumerate(zip(names, centres, widths, strict=True), start=1)
+        ProductBand(info.paths[0], name, wavelength=centre, width=width, **radiometry)
+        for name, centre, width in zip(names, centres, widths, strict=True)
     ], notes
 
 

@@ -10,8 +10,7 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ..text import positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
@@ -40,9 +39,7 @@ def find(container: Container) -> Product | None:
     if not images:
         return None
     scenes = sorted({m["scene"] for _, m in images})
-    if len(scenes) > 1:
-        raise container.several("Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
-    (scene,) = scenes
+    scene = container.only(scenes, "Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
     own = sorted(
         (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)

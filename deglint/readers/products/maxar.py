@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from ..text import positive
-from .metadata import Container, MetadataError, last, said, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, MetadataError, Product, ProductBand, last, said, tags_of
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
 IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"
@@ -48,10 +47,10 @@ def find(container: Container) -> Product | None:
                 raise MetadataError(member, "it has no group BAND_")
             if len(_letters(root)) > 1 or named:
                 found.append((stem, image, root))
-    if len(found) > 1:
-        names = (container.gdal(stem) for stem, *_ in found)
-        raise container.several("multispectral images", names, "Name the .IMD file of one.")
-    return _product(container, *found[0]) if found else None
+    if not found:
+        return None
+    names = (container.gdal(stem) for stem, *_ in found)
+    return _product(container, *container.only(found, "multispectral images", names, "Name the .IMD file of one."))
 
 
 def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:
@@ -64,10 +63,10 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
     if not plain:
         notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
     bands = []
-    for i, letter in enumerate(_letters(root), start=1):
+    for letter in _letters(root):
         own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
         factor, width = (positive(said(root, f"BAND_{letter}/{k}")) for k in ("ABSCALFACTOR", "EFFECTIVEBANDWIDTH"))
-        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), i, nodata=0.0)
+        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), nodata=0.0)
         bands.append(replace(band, scale=factor / width, unit=UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")

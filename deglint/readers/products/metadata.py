@@ -1,6 +1,8 @@
-"""Metadata of products: the folder, zip or tar that holds them, their parsing, and the numbers and angles in them.
+"""Metadata of products: the folder, zip or tar that holds them, their parsing, and their use for rasters.
 
-XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree.
+XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree. A `Product` holds plain values from
+it. `described` opens the headers of the product's files and adds band names, scale, offset, nodata, unit and tags to
+their descriptions. After that, products and single files are treated alike, and an output has the same metadata.
 """
 
 import json
@@ -9,16 +11,22 @@ import os
 import re
 import tarfile
 import zipfile
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
 from ...errors import InputError, ReadError
+from ...raster import FlatField, RasterInfo
+from ...raster.info import describe, open_dataset
+from ..spectral import with_spectral
 from ..text import number
 
+Item = TypeVar("Item")
 MOST_MEMBERS = 20_000  # at most so many files of a folder are listed, as it need not be a product and may be large
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
@@ -61,10 +69,11 @@ class Container:
         """Members whose file name matches a regular expression; case is ignored."""
         return [member for member, _ in self.matches(pattern)]
 
-    def several(self, what: str, names: Iterable[str], remedy: str = "Name one.") -> InputError:
-        """Error to raise if there are several items and one is expected; its message lists up to four."""
-        every = list(names)
-        return InputError(f"{self.path} holds {len(every)} {what}: {', '.join(every[:4])}. {remedy}")
+    def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
+        """The one item that was found; InputError, which lists up to four of the `names`, if there are several."""
+        if len(found) > 1:
+            raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
+        return found[0]
 
     def beside(self, member: str, name: str) -> str | None:
         """The member called `name` in the folder of `member`, or None; case is ignored."""
@@ -231,3 +240,86 @@ def angle_tags(
         "view_elevation": None if incidence is None else round(90.0 - abs(incidence), 4),
         "view_azimuth": None if view_azimuth is None else round(view_azimuth, 4) % 360.0,
     }
+
+
+@dataclass(frozen=True)
+class ProductBand:
+    """One band of a product; values that are not in the metadata are None."""
+
+    path: str  # GDAL name of its file
+    name: str  # as the provider calls it ("B08")
+    wavelength: float | None = None  # centre [nm]
+    width: float | None = None  # full width at half maximum [nm]
+    scale: float = 1.0  # physical value = file value * scale + offset
+    offset: float = 0.0
+    unit: str | None = None  # of the physical value
+    nodata: float | None = None  # file value that means "not valid"
+    saturation: float | None = None  # file value from which on the detector is saturated
+    footprint: str | None = None  # GDAL name of a raster of detector numbers
+    flat: FlatField | None = None  # correction of vignette and row gradient, for a file of one band
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product, or a part of it, as its metadata describe it."""
+
+    kind: str  # family and level, such as "Sentinel-2 L2A"
+    name: str  # name that the provider gave the product, without a path
+    bands: tuple[ProductBand, ...]  # bands of one file are adjacent, in its order
+    sensor: str | None = None  # a name of a sensor preset
+    tags: Mapping[str, str] = field(default_factory=dict)  # for the output: time of acquisition, angles
+    notes: tuple[str, ...] = ()  # what was left out or could not be used, one line each
+    texts: tuple[str, ...] = ()  # GDAL names of the metadata files that were read
+
+
+def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
+    """Describe the files of a product, and return notes; metadata and headers are read, no pixels."""
+    infos = []
+    notes = list(product.notes)
+    for path, group in groupby(product.bands, key=lambda band: band.path):
+        bands = tuple(group)
+        with open_dataset(path) as dataset:
+            info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
+        if info.count != len(bands) and len(bands) > 1:
+            notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
+            infos.append(info)
+            continue
+        if own := scaled_by_itself(info):
+            notes.append(f"{path}: {own}")
+        infos.append(filled(info, bands, {**product.tags, "product": product.name}, product.sensor))
+    return infos, notes
+
+
+def scaled_by_itself(info: RasterInfo) -> str:
+    """Text that says why the product's scale, offset and nodata are not used for a file; "" if they are used."""
+    if any(np.dtype(t).kind == "f" for t in info.dtypes):
+        return "floating-point numbers are taken as they are, without the product's scale and offset"
+    if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
+        return "its own scale and offset are used, not the product's"
+    return ""
+
+
+def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
+    """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
+
+    Scale, offset and nodata in the file take precedence. `sensor` is a name for the tag "sensor".
+    """
+    bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
+    own = bool(scaled_by_itself(info))
+    flat = bands[0].flat if info.count == 1 else None
+    dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
+    named = replace(info, descriptions=tuple(b.name for b in bands), tags={**info.tags, "": dataset_tags})
+    named = with_spectral(named, [(b.wavelength, b.width) for b in bands])
+    if own:
+        return named
+    full = [{} if b.saturation is None else {"FULL_SCALE": f"{b.saturation:.10g}"} for b in bands]
+    return replace(
+        named,
+        dtypes=info.dtypes if flat is None else ("float32",),
+        flat=flat,
+        units=tuple(b.unit or u for u, b in zip(info.units, bands, strict=True)),
+        scales=tuple(b.scale for b in bands),
+        offsets=tuple(b.offset for b in bands),
+        nodatas=tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, bands, strict=True)),
+        band_tags=tuple({**t, "": {**t[""], **f}} for t, f in zip(named.band_tags, full, strict=True)),
+    )

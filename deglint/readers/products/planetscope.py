@@ -11,8 +11,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
@@ -35,9 +34,7 @@ def find(container: Container) -> Product | None:
         images = {n: match for n, match in images.items() if last(n).startswith(stem)}
     if not images:
         return None
-    if len(images) > 1:
-        raise container.several("PlanetScope images", map(last, images))
-    ((image, match),) = images.items()
+    image, match = container.only(list(images.items()), "PlanetScope images", map(last, images))
     root, notes = ET.Element("scene"), list[str]()
     root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
     surface, nodes = match["surface"] is not None, root.iter("bandSpecificMetadata")
@@ -78,12 +75,8 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
     """The bands of an image with four or eight bands, and the sensor preset of its instrument (None: no preset)."""
-    sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     if eight:
-        names = tuple(b.name for b in sensors.load("planetscope8").bands)
-        return [ProductBand(path, name, i, nodata=0.0) for i, name in enumerate(names, start=1)], "planetscope8"
+        return [ProductBand(path, b.name, nodata=0.0) for b in sensors.load("planetscope8").bands], "planetscope8"
+    sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")
     optics = DOVE if instrument == "PS2" else ((None, None),) * len(FOUR)
-    return [
-        ProductBand(path, name, i, wavelength=w, width=h, nodata=0.0)
-        for i, (name, (w, h)) in enumerate(zip(FOUR, optics, strict=True), start=1)
-    ], sensor
+    return [ProductBand(path, name, w, h, nodata=0.0) for name, (w, h) in zip(FOUR, optics, strict=True)], sensor

@@ -12,8 +12,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import numbers, positive
-from .metadata import Container, angle_tags, last, said, said_number, tags_of
-from .product import Product, ProductBand
+from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
@@ -38,12 +37,10 @@ def find(container: Container) -> Product | None:
         metadata = [container.named]
     if not images or not (metadata or any("IMG_DATA" in PurePosixPath(n).parts for n in images)):
         return None
-    if len(metadata) > 1:
-        raise container.several("Sentinel-2 products", metadata)
-    granules = {_granule(n) for n in images} - {""}
-    if len(granules) > 1:
-        raise container.several("granules", sorted(map(container.gdal, granules)), "Name the folder of one.")
-    root = container.tree(metadata[0], "Product_Image_Characteristics") if metadata else None
+    main = container.only(metadata or [""], "Sentinel-2 products", metadata)
+    granules = sorted({_granule(n) for n in images} - {""})
+    granule = container.only(granules or [""], "granules", map(container.gdal, granules), "Name the folder of one.")
+    root = container.tree(main, "Product_Image_Characteristics") if main else None
     notes = [] if metadata else [f"{container.path} has no MTD_MSIL1C.xml or MTD_MSIL2A.xml: {_AS_STORED}"]
     single = container.named in images
     chosen, left = _chosen(images, single=single)
@@ -61,7 +58,7 @@ def find(container: Container) -> Product | None:
     facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
              "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, next(iter(granules), ""))
+    tags |= _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
@@ -114,10 +111,12 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
         re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
     }
     presets = {b.name: b for b in sensors.load("sentinel2").bands}
+    masks = container.matches(_MASK)
     found = []
     for name, file in files.items():
         own = spectral.get(name)
         place = str(list(PIXELS).index(name)) if own is None else own.get("bandId")
+        footprints = (m for m, match in masks if match["band"].upper() == name and m.startswith(_granule(file)))
         found.append(
             ProductBand(
                 path=container.gdal(file),
@@ -129,7 +128,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
                 unit="reflectance" if known else None,
                 nodata=special.get("NODATA", 0.0),
                 saturation=special.get("SATURATED", FULL),
-                footprint=_mask(container, name, file),
+                footprint=next(map(container.gdal, footprints), None),
             )
         )
     return found
@@ -140,13 +139,6 @@ def _width(spectral: ET.Element | None) -> float | None:
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
     step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
-
-
-def _mask(container: Container, band: str, file: str) -> str | None:
-    """GDAL name of the raster with the detector numbers of a band; None if there is none."""
-    granule, masks = _granule(file), container.matches(_MASK)
-    fits = (member for member, match in masks if match["band"].upper() == band and member.startswith(granule))
-    return next(map(container.gdal, fits), None)
 
 
 def _angles(container: Container, granule: str) -> dict[str, str]:
