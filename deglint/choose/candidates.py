@@ -25,7 +25,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
     `width`: width of the smallest object to keep [pixel]; `clump`: width of a clump of glint [pixel]
     """
-    found = [Candidate("copy", "copy"), Candidate("wiener", "wiener"), Candidate("hedley", "hedley")]
+    found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
     delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
     targets = "targets, " if delayed else ""
     found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))

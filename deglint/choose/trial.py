@@ -172,9 +172,7 @@ def choose(
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
     done = list(each(work, todo))
     failed = {c.name: why for c, why in zip(todo, done, strict=True) if isinstance(why, str)}
-    if "wiener" in failed:  # nothing tests the slopes of a method of one pixel
-        failed["hedley"] = failed["wiener"]
-    runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run) and c.name not in failed}
+    runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run)}
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
