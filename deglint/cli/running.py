@@ -16,7 +16,17 @@ from typing import Any
 import click
 
 from ..errors import DeglintError, NoWaterError
-from .grouped import BoldContext
+
+
+class _Formatter(click.HelpFormatter):
+    def write_heading(self, heading: str) -> None:
+        self.write(click.style(f"{'':>{self.current_indent}}{heading}:", bold=True) + "\n")
+
+
+class BoldContext(click.Context):
+    """Context of click whose help has bold headings on a terminal."""
+
+    formatter_class = _Formatter
 
 
 class Commands(click.Group):
