@@ -18,9 +18,7 @@ COMMANDS = {
 }
 
 
-@click.group(
-    cls=running.Commands, home=__name__, lines=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
-)
+@click.group("deglint", cls=running.Commands, home=__name__, lines=COMMANDS)
 @click.version_option(__version__, "--version", prog_name="deglint")
 def cli() -> None:
     """Find and remove sun glint in multispectral images of the sea.
@@ -39,8 +37,4 @@ def main() -> NoReturn:
 
 def run(arguments: list[str]) -> int:
     """Run the command; an error becomes one line on stderr and an exit code."""
-    return running.run(cli, "deglint", arguments)
-
-
-rio = running.plugin(cli, "deglint")
-"""`rio deglint`: the same command as a plugin of rasterio's command `rio`."""
+    return cli.run(arguments)

@@ -32,14 +32,43 @@ class BoldContext(click.Context):
 class Commands(click.Group):
     """Group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
+    An error becomes one line on stderr and an exit code, also where the group is a plugin of another program (rio).
     `home` is the package whose module NAME defines the command NAME; `lines` holds names and one-line help of commands.
     """
 
     context_class = BoldContext
 
     def __init__(self, *args: Any, home: str, lines: dict[str, str], **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+        super().__init__(*args, context_settings={"help_option_names": ["-h", "--help"]}, **kwargs)
         self._home, self._lines = home, lines
+
+    def run(self, arguments: list[str]) -> int:
+        """Run the command with these arguments and return its exit code."""
+        try:
+            self.main(arguments, self.name)
+        except SystemExit as end:
+            return int(end.code or 0)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Find -vv among all arguments, and parse those of the group."""
+        ctx.color = False if os.environ.get("NO_COLOR") else ctx.color  # None: colours on a terminal only
+        ctx.meta["verbose"] = args.count("--verbose") + sum(a.count("v") for a in args if re.fullmatch("-[vqh]+", a))
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Run the command that the arguments name."""
+        warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
+        with _terminable(), _quiet_libraries():
+            try:
+                super().invoke(ctx)
+            except (click.ClickException, click.exceptions.Exit, BrokenPipeError):  # click handles these
+                raise
+            except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the user gets one line, whatever it is)
+                if ctx.meta["verbose"] > 1:
+                    traceback.print_exc()
+                code, said = _explained(error)
+                click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=ctx.color)
+                ctx.exit(code)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Names of the commands."""
@@ -62,48 +91,10 @@ class Commands(click.Group):
             formatter.write_dl(list(self._lines.items()))
 
 
-def run(cli: click.Group, program: str, arguments: list[str]) -> int:
-    """Run a command and return its exit code; an error becomes one line on stderr."""
-    warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
-    verbose = arguments.count("--verbose") + sum(a.count("v") for a in arguments if re.fullmatch("-[vqh]+", a))
-    colour = False if os.environ.get("NO_COLOR") else None  # None: colours on a terminal only
-    with _terminable(), _quiet_libraries():
-        try:
-            return int(cli.main(arguments, program, standalone_mode=False, color=colour) or 0)
-        except click.ClickException as error:
-            error.show()
-            return error.exit_code
-        except SystemExit as end:  # after shell completion, or when the reader of stdout has ended
-            return int(end.code or 0)
-        except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the user gets one line, whatever it is)
-            if verbose > 1:
-                traceback.print_exc()
-            code, said = _explained(error)
-            click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=colour)
-            return code
-
-
-def plugin(cli: click.Group, name: str) -> click.Command:
-    """The command as a plugin of another program, such as rio; arguments and exit codes are passed through."""
-
-    @click.command(
-        name,
-        short_help=cli.get_short_help_str(100),
-        add_help_option=False,
-        context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
-    )
-    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-    @click.pass_context
-    def command(context: click.Context, arguments: tuple[str, ...]) -> None:
-        context.exit(run(cli, context.command_path, list(arguments)))
-
-    return command
-
-
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code, and line for stderr, of an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return 130, "interrupted: no output is half written."
+        return 130, "\ninterrupted: no output is half written."  # the line break ends the ^C of a terminal
     line = " ".join(str(error).split())
     if isinstance(error, DeglintError):
         return (3 if isinstance(error, NoWaterError) else 1), f"Error: {line}"

@@ -17,9 +17,7 @@ COMMANDS = {
 }
 
 
-@click.group(
-    cls=running.Commands, home=__name__, lines=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
-)
+@click.group("rxdetect", cls=running.Commands, home=__name__, lines=COMMANDS)
 @click.version_option(__version__, "--version", prog_name="rxdetect")
 def cli() -> None:
     """Find anomalies in an image, and measure how well they are found.
@@ -50,8 +48,4 @@ def main() -> NoReturn:
 
 def run(arguments: list[str]) -> int:
     """Run the command and return its exit code; an error is written as one line to stderr."""
-    return running.run(cli, "rxdetect", arguments)
-
-
-rio = running.plugin(cli, "rxdetect")
-"""`rio rxdetect`: the same command as a plugin of rasterio's program."""
+    return cli.run(arguments)
