@@ -67,16 +67,6 @@ class Fitted:
     choice: Choice | None = None
     undeclared: Undeclared = field(default_factory=Undeclared)
 
-    @property
-    def numbers(self) -> dict[str, Any]:
-        """The decisions as values for the sidecar."""
-        return {
-            "water": self.water.numbers() if self.water else None,
-            "sample": self.sampled,
-            "choice": self.choice.numbers() if self.choice else None,
-            "compensation": self.chain.numbers(),
-        }
-
     def __repr__(self) -> str:
         return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
 

@@ -225,7 +225,10 @@ def sidecar(
         "bands": [asdict(b) for b in scene.bands],
         "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
-        **fitted.numbers,
+        "water": fitted.water.numbers() if fitted.water else None,
+        "sample": fitted.sampled,
+        "choice": fitted.choice.numbers() if fitted.choice else None,
+        "compensation": fitted.chain.numbers(),
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             **{k: getattr(tally, k) for k in ("total", "nodata", "not_water", "corrected", "protected")},
@@ -244,12 +247,10 @@ def sidecar(
 def _resolved(fitted: Fitted) -> dict[str, Any]:
     """The recipe for the sidecar, with the regression, the use of the NIR and the bands that were really used."""
     recipe, model = asdict(fitted.recipe), fitted.model
-    recipe["regression"] = model.regression
     if recipe["nir_use"] == "auto":
         recipe["nir_use"] = "set" if len(model.indexes) > 1 else "mean"
-    recipe["nir"] = [model.band_names[b] for b in model.index_bands]
-    recipe["bands"] = [fit.name for fit in model.fits]
-    return recipe
+    nir, bands = [model.band_names[b] for b in model.index_bands], [fit.name for fit in model.fits]
+    return recipe | {"regression": model.regression, "nir": nir, "bands": bands}
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
