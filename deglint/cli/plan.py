@@ -135,7 +135,7 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 --fov 40 -o heading.png
     deglint plan --lat 36.8 --lon -122 --serve
     """
-    from ..plan.missionfile import merged, mission_from
+    from ..plan.mission import merged, mission_from
     from ..raster.planned import check_plan
     from ..readers.text import read_toml
     from . import planning
@@ -143,7 +143,8 @@ def plan(**given: Any) -> None:
 
     mode = planning.mode_of(given)
     reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
-    check_plan(given["outs"], planning.endings(mode), reads, overwrite=given["overwrite"])
+    kinds = (".png", ".json", ".nc", ".tif") if mode is planning.one_reticle else (".png", ".json")
+    check_plan(given["outs"], kinds, reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:

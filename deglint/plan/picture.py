@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import draw
-from .advice import ViewingGeometry, best_geometry, compass, quality, sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Pattern, Point, around, polar
 from .mission import Mission
-from .reticle import Reticle
+from .reticle import Reticle, ViewingGeometry, best_geometry, compass, quality, sentence
 
 WIDTH, HEIGHT = 1240, 860  # size of the picture [pixel]
 DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of the disc [pixel]

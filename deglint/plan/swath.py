@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from ..physics import glint, sun
 from ..physics._checks import Checked, Floats, ranged
-from .mission import SUN_LIMIT, Mission
-from .missionfile import tables_of
+from .mission import SUN_LIMIT, Mission, tables_of
 
 EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
