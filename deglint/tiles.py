@@ -152,13 +152,9 @@ def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
 
 
 def run(
-    everything: Sequence[Tile],
-    work: Callable[[Tile], Result],
-    *,
-    threads: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    start: Callable[[], None] | None = None,
-) -> Iterator[tuple[Tile, Result]]:
+    everything: Sequence[Tile], work: Callable[[Tile], Result], *, threads: int = 1,
+    progress: Callable[[int, int], None] | None = None, start: Callable[[], None] | None = None,
+) -> Iterator[tuple[Tile, Result]]:  # fmt: skip
     """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
 
     Each thread calls `start` before its first tile. `progress` is called with the number of finished and of all tiles.

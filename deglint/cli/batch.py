@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .console import Console
 from .options import FILE, SETTINGS, Grouped, heading, with_options
 from .remove import read_bytes, size
+from .running import Console
 
 if TYPE_CHECKING:
     from ..batch import Outcome

@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from .console import Console
 from .options import FILE, SETTINGS, FileName, Grouped, heading, messages, opening, reading, threads
+from .running import Console
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)

@@ -139,7 +139,7 @@ def plan(**given: Any) -> None:
     from ..raster.planned import check_plan
     from ..readers.text import read_toml
     from . import planning
-    from .console import Console
+    from .running import Console
 
     mode = planning.mode_of(given)
     reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}

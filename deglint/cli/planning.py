@@ -15,7 +15,7 @@ from ..plan.picture import picture
 from ..plan.reticle import best_geometry, quality, reticle, sentence
 from ..raster.output import plain
 from ..raster.planned import write_numbers, write_plan
-from .console import Console
+from .running import Console
 
 log = logging.getLogger(__name__)
 Given = dict[str, Any]  # options of the command by name

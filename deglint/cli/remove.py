@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .console import Console
 from .options import FILE, AutoOr, FileName, heading, opening
+from .running import Console
 
 if TYPE_CHECKING:
     from ..pipeline import Outputs, Recipe

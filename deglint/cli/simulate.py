@@ -121,7 +121,7 @@ def simulate(out: Path, **given: Any) -> None:
     from ..raster.scratch import make_directory
     from ..raster.simulated import check_free, write_scene
     from ..simulate import simulate as make
-    from .console import Console
+    from .running import Console
 
     written = []
     setups = _setups(out, given)

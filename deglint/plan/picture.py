@@ -54,12 +54,9 @@ class Caption(NamedTuple):
 
 
 def page(
-    plan: Reticle,
-    share: npt.NDArray[Any],
-    patterns: Sequence[Pattern],
-    geometry: ViewingGeometry | None,
+    plan: Reticle, share: npt.NDArray[Any], patterns: Sequence[Pattern], geometry: ViewingGeometry | None,
     words: Caption,
-) -> Image:
+) -> Image:  # fmt: skip
     """Draw a disc of viewing geometries with its text; `geometry` is marked as the best.
 
     `share` (zenith, azimuth) gives the colour, 0 to 1.
@@ -99,15 +96,9 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
 
 
 def sky_disc(
-    canvas: Canvas,
-    centre: Point,
-    radius: int,
-    plan: Reticle,
-    share: npt.NDArray[Any],
-    patterns: Sequence[Pattern] = (),
-    *,
-    small: bool = False,
-) -> None:
+    canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: npt.NDArray[Any],
+    patterns: Sequence[Pattern] = (), *, small: bool = False,
+) -> None:  # fmt: skip
     """Draw a disc as `draw.disc` does, with rings of zenith angle, a compass rose (not if `small`), and the sun."""
     draw.disc(canvas, centre, radius, share, patterns)
     widest = plan.mission.widest

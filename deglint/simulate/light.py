@@ -8,9 +8,9 @@ from ..physics import atmosphere, water
 from ..physics._checks import Floats
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means
-from .bottom import LEAST_DEPTH, MOST_DEPTH
 from .materials import reflectance
 from .setup import Setup
+from .underwater import LEAST_DEPTH, MOST_DEPTH
 
 DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %
 

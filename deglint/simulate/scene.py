@@ -12,12 +12,11 @@ from ..physics.imaging import observe, transform
 from ..physics.sensor import digitise
 from ..physics.surface import by_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
-from .bottom import depth_and_patches
 from .cover import Cover
 from .facets import Facets
 from .light import Light
-from .objects import label
 from .setup import Setup, check_one_sea
+from .underwater import depth_and_patches, label
 
 Numbers = npt.NDArray[np.integer[Any]]
 Progress = Callable[[int, int], object]

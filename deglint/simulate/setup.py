@@ -16,9 +16,8 @@ from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
 from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
 from .artefacts import Artefacts
-from .bottom import Bottom
 from .cover import FloatingTarget
-from .objects import SubmergedObject
+from .underwater import Bottom, SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from deglint.cli.console import Console
 from deglint.cli.options import FILE, Grouped, heading, names
+from deglint.cli.running import Console
 
 from . import command_line
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from deglint.cli.console import Console
 from deglint.cli.options import FILE, Grouped, heading
+from deglint.cli.running import Console
 
 from . import command_line
 

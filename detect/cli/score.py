@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from deglint.cli import options
-from deglint.cli.console import Console
+from deglint.cli.running import Console
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
