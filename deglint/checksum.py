@@ -68,11 +68,6 @@ class Checksum:
         self._found = [{"path": path, **fingerprint(path)} for path in self._listed]
 
 
-def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """`fingerprint` of every file that is read for some GDAL names, by path."""
-    return {path: fingerprint(path) for path in files_behind(names)}
-
-
 def fingerprint(path: str | Path) -> dict[str, Any]:
     """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; None where not available."""
     stamp = _stamp(path)

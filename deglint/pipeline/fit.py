@@ -20,7 +20,6 @@ from ..readers.place import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
-from ..tiles import default_threads
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import overview_of, overviews, raster_of, read_tiles, role_bands
@@ -100,12 +99,8 @@ def fit_scene(
 
     Raises
     ------
-    BandError
-        No NIR band, or a selected band does not exist.
-    NoWaterError
-        There is no water in the scene.
-    FitError
-        The sample does not allow a fit.
+    BandError, NoWaterError, FitError
+        No NIR band, or a selected band does not exist; no water in the scene; the sample does not allow a fit.
 
     Examples
     --------
@@ -116,8 +111,8 @@ def fit_scene(
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     with environment():
-        found = undeclared(scene)
-        fitted = _fit_overviews(found.on(scene), recipe, threads or default_threads(), want_sample, progress, run)
+        found, threads = undeclared(scene), threads or tiling.default_threads()
+        fitted = _fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run)
         return replace(fitted, undeclared=found)
 
 
@@ -250,7 +245,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         the reason in the notes.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe, threads = recipe or Recipe(), threads or default_threads()
+    recipe, threads = recipe or Recipe(), threads or tiling.default_threads()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
     out = _header(scene)
