@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deglint import Recipe, fit_scene, open_scene
 from deglint.errors import InputError
-from deglint.pipeline import sampling as module
+from deglint.pipeline import sample as module
 from deglint.pipeline.overview import TILE_SIDE
 from deglint.remove import METHODS, glint_error, merge, nir_request
 from deglint.remove.statistics import gather

@@ -25,8 +25,8 @@ from ..tiles import Tile
 from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
-from .overview import block_of, on_threads, raster_of, tile_shape_of
-from .sample import Mask, Training, sample_of
+from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
+from .sample import Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel

@@ -22,10 +22,9 @@ from ..remove import METHODS, GlintModel
 from ..scene import Scene
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import overview_of, overviews, raster_of, read_tiles, role_bands
+from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, role_bands, sampler_of
 from .recipe import Recipe, make_request
-from .sample import Job, Progress
-from .sampling import Sampled, describe_sample, fit_sampled, place_of
+from .sample import Sampled, describe_sample, fit_sampled, place_of
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
@@ -162,7 +161,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     """Fit a recipe to one overview of a scene; `of_nir`, the note on the NIR bands, is put first in `Fitted.notes`."""
     recipe, overview = job.recipe, job.overview
     notes = [of_nir, *log_water(overview.water, recipe.mask)]
-    sampler = learning.sampler_of(job) if recipe.sample != "auto" else None
+    sampler = sampler_of(job) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = learning.read_training(job, sampler, learning.HALO)
@@ -190,7 +189,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sampled, of_sample = fit_sampled(job, sampler or learning.sampler_of(job), method)
+        model, sampled, of_sample = fit_sampled(job, sampler or sampler_of(job), method)
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(

@@ -51,7 +51,7 @@ class Recipe:
         not known.
     tolerance : float
         Reading of the sample stops when the relative standard error of the slopes is at most this. 0 (off): a given
-        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sampling`.
+        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sample`.
     """
 
     method: str = "auto"

@@ -30,9 +30,8 @@ from .correct import Correction, correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result, log_result, saved, sidecar
-from .overview import raster_of
+from .overview import raster_of, tiles_over
 from .recipe import Recipe
-from .sample import tiles_over
 
 CHAIN_COPIES = 3  # memory of a tile with a chain relative to a removal alone
 READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
