@@ -15,8 +15,8 @@ from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand
 from deglint.simulate import Artefacts, Bottom, FloatingTarget, Setup, simulate, simulate_together, square, whitecaps
 from deglint.simulate.cover import Cover
-from deglint.simulate.light import Light
 from deglint.simulate.materials import SPECTRA, WAVELENGTHS, reflectance
+from deglint.simulate.scene import Light
 
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)

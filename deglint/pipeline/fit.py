@@ -140,8 +140,8 @@ def _fit_overviews(
             sample = "auto" if water is not None and water.has_water else "all"
         recipe = replace(recipe, sample=sample)
     found = recipe.sample == "auto"
-    if recipe.regression == "auto":
-        request = replace(request, regression="detrended" if found else "ols")
+    usual = "detrended" if found else "ols"
+    request = replace(request, regression=usual if recipe.regression == "auto" else recipe.regression)
     note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
