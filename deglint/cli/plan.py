@@ -38,11 +38,13 @@ def minutes(text: str) -> float:
 
 read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 
-PLACES: dict[str, str] = {}  # table and key in a mission file, "table.key", of options that are numbers, by name
+PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.model", "sensor": "sensor.preset",
+          "slopes": "models.slopes", "sky": "models.sky"}  # fmt: skip
+"""Table and key in a mission file, "table.key", of options by name; `number` adds those that are numbers."""
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
-    """Option that takes a number, which has a `place` in a mission file."""
+    """Option that takes a number, which has a place in a mission file."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=float, metavar=unit, help=said)
 
@@ -155,30 +157,23 @@ def plan(**given: Any) -> None:
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """The options that the user gave, as tables of a mission file."""
-    latitude, longitude = given["lat"], given["lon"]
     if given["place"]:
-        if latitude is not None or longitude is not None:
+        if given["lat"] is not None or given["lon"] is not None:
             raise click.UsageError("give --place, or --lat and --lon, not both.")
         from ..readers.place import middle_of
 
-        latitude, longitude = middle_of(given["place"])
-    if given["sun"] and (latitude is not None or given["time"]):
+        given = given | dict(zip(("lat", "lon"), middle_of(given["place"]), strict=True))
+    if given["sun"] and (given["lat"] is not None or given["time"]):
         raise click.UsageError("give --sun, or place and time, not both.")
     if given["sun"] and len(given["sun"]) < 2:
         raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")
     bands = given["bands"] and [b.strip() for b in given["bands"].split(",")]
-    tables: dict[str, dict[str, Any]] = {
-        "place": {}, "sun": given["sun"] or {}, "wind": given["wind"] or {}, "air": {"pressure": given["pressure"]},
-        "water": {"model": given["water"]}, "object": {},
-        "sensor": {"preset": given["sensor"], "bands": bands},
-        "limits": {}, "view": {}, "models": {"slopes": given["slopes"], "sky": given["sky"]},
-    }  # fmt: skip
+    tables = {"sun": given["sun"] or {}, "wind": given["wind"] or {}, "sensor": {"bands": bands} if bands else {}}
     for name, place in PLACES.items():
         table, _, key = place.partition(".")
-        tables[table][key] = given[name]
-    tables["place"] |= {"latitude": latitude, "longitude": longitude, "time": given["time"]}
-    kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}
-    return {name: values for name, values in kept.items() if values}
+        if given[name] is not None:
+            tables.setdefault(table, {})[key] = given[name]
+    return {name: values for name, values in tables.items() if values}
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
