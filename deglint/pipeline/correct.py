@@ -83,20 +83,13 @@ class Correction:
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
     water: WaterRule | None = None  # else the rule that finds these pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
-    only: tuple[int, ...] = ()  # 0-based bands that the user has selected; empty: no selection
+    changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
     want_flags: bool = False
     want_amount: bool = False
     noise: tuple[float, ...] = ()  # of each band in `changed`, for the classes of sun glint
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # for standard errors with an opening: one for each band
     left: Posterior | None = None  # for standard errors of a removal without stages
-
-    @property
-    def changed(self) -> list[int]:
-        """0-based bands that may change: the bands of the removal, and the bands in which a chain replaces glint."""
-        if not self.chain.replaces:
-            return sorted({f.band for f in self.model.fits})
-        return sorted(self.only or range(len(self.scene.bands)))
 
     @property
     def amount_bands(self) -> list[int]:
@@ -293,10 +286,12 @@ def correction(
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
+    changed = {f.band for f in fitted.model.fits}
+    if fitted.chain.replaces:
+        changed = {find_band(scene, b) for b in fitted.recipe.bands} or set(range(len(scene.bands)))
     work = Correction(
         scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
-        fitted.water_bands, tuple(find_band(scene, b) for b in fitted.recipe.bands),
-        want_flags=bool(targets and targets.flags), want_amount=bool(targets and targets.amount),
+        fitted.water_bands, sorted(changed), bool(targets and targets.flags), bool(targets and targets.amount),
     )  # fmt: skip
     if work.want_flags:
         work = _with_noise(work, threads)
