@@ -6,7 +6,7 @@ BLAS, whose threads block each other for seconds on a busy machine.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,8 @@ class Reticle:
     ----------
     mission, light : Mission, Light
         Parameters of the plan; irradiances and water-leaving radiances.
+    bands : tuple of str
+        Names of the bands.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
     glint_probability : ndarray
@@ -71,6 +73,8 @@ class Reticle:
         Glint radiance per irradiance of a plane facing the sun [1/sr].
     sky_strength : ndarray
         Reflected skylight per diffuse irradiance [1/sr].
+    glint_radiance, sky_radiance : (band, zenith, azimuth) ndarray
+        Radiance of sun glint, and of reflected skylight [W m-2 sr-1 nm-1].
     sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
@@ -81,10 +85,16 @@ class Reticle:
     clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray
         True where reflected sky is within its limit; True where the contrast over noise exceeds its limit and neither
         object nor water saturates the sensor.
+    excluded : bool ndarray
+        True where no band is usable.
+    by_band, combined : (band, zenith, azimuth) and (zenith, azimuth) ndarray
+        Contrast over noise, 0 where a mask excludes it [1] (Fink 2014, section 2.7.4); and that of all usable bands: the
+        root of the sum of squares of `by_band`.
     """
 
     def __init__(self, mission: Mission) -> None:
         self.mission, limits, wind = mission, mission.limits, mission.slope_wind
+        self.bands = tuple(b.name for b in mission.channels)
         self.zenith, self.azimuth = viewing_geometries(mission)
         self.light = light = Light(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
@@ -102,20 +112,21 @@ class Reticle:
         ratio = (limits.sky_ratio / light.diffuse)[:, None, None] * light.background
         self.sky_probability = mirrored.share_above(ratio)
         self.clear_of_sky: Mask = self.sky_probability <= limits.sky_probability
+        self.glint_radiance = np.asarray(light.normal[:, None, None] * self.glint_strength)
+        self.sky_radiance = np.asarray(light.diffuse[:, None, None] * self.sky_strength)
         rest = self.glint_radiance + self.sky_radiance
         self.weber = light.target / light.background - 1.0
         self.snr = np.abs(light.target - light.background) / _noise(mission, light.background + rest)
         brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
         below = np.maximum(light.background, light.target) + rest < brightest
         self.detectable: Mask = (self.snr > limits.snr) & below
+        usable = self.clear_of_glint & self.clear_of_sky & self.detectable
+        self.excluded: Mask = ~usable.any(axis=0)
+        self.by_band = np.asarray(self.snr * usable)
+        self.combined = np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
     def __repr__(self) -> str:
         return f"Reticle({self.mission!r})"
-
-    @property
-    def bands(self) -> tuple[str, ...]:
-        """Names of the bands."""
-        return tuple(b.name for b in self.mission.channels)
 
     def index(self, band: str) -> int:
         """Index of a band in the layers.
@@ -130,31 +141,6 @@ class Reticle:
     def nearest(self, zenith: float, azimuth: float) -> tuple[int, int]:
         """Indices (zenith, azimuth) of the viewing geometry nearest to a zenith angle and an azimuth [degree]."""
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
-
-    @property
-    def glint_radiance(self) -> Floats:
-        """Glint radiance, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
-        return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
-
-    @property
-    def sky_radiance(self) -> Floats:
-        """Radiance of reflected skylight, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
-        return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
-
-    @cached_property
-    def by_band(self) -> Floats:
-        """Contrast over noise, 0 where a mask excludes it, (band, zenith, azimuth) [1] (Fink 2014, section 2.7.4)."""
-        return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
-
-    @cached_property
-    def combined(self) -> Floats:
-        """Contrast over noise of all usable bands, (zenith, azimuth) [1]: root of the sum of squares of `by_band`."""
-        return np.sqrt(np.sum(np.square(self.by_band), axis=0))
-
-    @property
-    def excluded(self) -> Mask:
-        """True where no band is usable, (zenith, azimuth)."""
-        return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
     def counts(self) -> dict[str, Floats]:
         """Electrons per pixel, (band, zenith, azimuth), by name of the component of radiance (Fink 2014, eq. 2.23)."""

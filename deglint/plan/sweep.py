@@ -135,12 +135,9 @@ class WindEnsemble:
         *held, excluded = (np.array(layer) for layer in layers)
         # lowest and highest value of layers of `Reticle` (contrast: `combined`), (2, zenith, azimuth)
         self.glint, self.glint_probability, self.contrast = (np.stack([v.min(axis=0), v.max(axis=0)]) for v in held)
+        # the viewing geometry with the highest contrast under the worst wind; None if none is good under all winds
+        self.best = best_geometry(self.middle, self.contrast[0])
         self.risk = excluded.mean(axis=0)  # share of the winds that exclude a viewing geometry, (zenith, azimuth) [1]
-
-    @property
-    def best(self) -> ViewingGeometry | None:
-        """The viewing geometry with the highest contrast under the worst wind; None if none is good under all winds."""
-        return best_geometry(self.middle, self.contrast[0])
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
         """Lowest and highest glint [1/sr], glint probability [1] and contrast over noise [1] at a viewing geometry."""

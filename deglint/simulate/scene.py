@@ -219,13 +219,10 @@ class _World:
             buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[self.labels] > self.depth
             self.labels = np.where(buried, np.uint16(0), self.labels)
         self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
+        # whether the water-leaving radiance is the same everywhere
+        self.is_plain = not setup.objects and self.depth is None and self.cover is None
         # radiance of each material of the cover, (material, band)
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the water-leaving radiance is the same everywhere: no objects, no bottom, no cover."""
-        return not self.setup.objects and self.depth is None and self.cover is None
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
         """Radiance of facets in a band, (row, column): of the cover where `cover` (label) is above 0, else of water."""
