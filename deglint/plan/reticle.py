@@ -88,8 +88,8 @@ class Reticle:
     excluded : bool ndarray
         True where no band is usable.
     by_band, combined : (band, zenith, azimuth) and (zenith, azimuth) ndarray
-        Contrast over noise, 0 where a mask excludes it [1] (Fink 2014, section 2.7.4); and that of all usable bands: the
-        root of the sum of squares of `by_band`.
+        Contrast over noise, 0 where a mask excludes it [1] (Fink 2014, section 2.7.4); and that of all usable bands,
+        the root of the sum of squares of `by_band`.
     """
 
     def __init__(self, mission: Mission) -> None:
