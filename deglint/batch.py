@@ -143,10 +143,7 @@ class Outcome:
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
-    """One job for each scene.
-
-    Raises InputError: two scenes would be written to one file, or an output would replace an input file.
-    """
+    """One job for each scene. Raises InputError: scenes with the same output, or an output that replaces an input."""
     jobs = []
     made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:

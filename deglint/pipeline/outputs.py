@@ -175,10 +175,7 @@ def log_nir(note: str) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; returns the note on the water, or nothing if there is no `rule`.
-
-    Raises NoWaterError: the scene has no water.
-    """
+    """Log which pixels are corrected; return the note on the water, if there is a `rule`. NoWaterError: no water."""
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
@@ -295,10 +292,7 @@ def saved(fitted: Fitted) -> str:
 
 
 def load_model(path: str) -> GlintModel:
-    """Read the model of a removal that `--save-model` wrote.
-
-    Raises ReadError, InputError: no such file, or not a saved model.
-    """
+    """Read the model that `--save-model` wrote. Raises ReadError, InputError: no such file, or not a saved model."""
     return _load(path)[0]
 
 

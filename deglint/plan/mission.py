@@ -244,8 +244,6 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
     Raises InputError: a table or key is not known, or a value cannot be used.
 
-    Examples
-    --------
     >>> mission_from({"sun": {"zenith": 30, "azimuth": 180}, "wind": {"speed": 7, "from": 310}}).wind
     7.0
     """
@@ -309,8 +307,6 @@ def pressure(value: Any) -> float:
 
     Raises InputError: the value is neither.
 
-    Examples
-    --------
     >>> round(pressure("30 inHg"), 1)
     1015.9
     """

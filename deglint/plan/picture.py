@@ -22,10 +22,7 @@ _HOW = (
 
 
 def picture(plan: Reticle, *, band: str | None = None) -> Image:
-    """Draw the plan of all bands together, or of one band (its name).
-
-    Raises BandError: there is no such band.
-    """
+    """Draw the plan of all bands together, or of one band (its name). Raises BandError: there is no such band."""
     contrast, patterns = layers(plan, band)
     geometry = best_geometry(plan, band=band)
     shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"

@@ -129,10 +129,7 @@ class Reticle:
         return f"Reticle({self.mission!r})"
 
     def index(self, band: str) -> int:
-        """Index of a band in the layers.
-
-        Raises BandError: there is no such band, or it is not selected in this mission.
-        """
+        """Index of a band in the layers. Raises BandError: no such band, or it is not selected in this mission."""
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
             raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
@@ -264,8 +261,6 @@ def description(geometry: ViewingGeometry | None) -> str:
 def sentence(geometry: ViewingGeometry | None) -> str:
     """Sentence that says from where to look; for None, that no viewing geometry is good.
 
-    Examples
-    --------
     >>> sentence(ViewingGeometry(24.0, 225.0, 41.2, ("BLUE", "GREEN"), 1e-4, 3.2e-7, True))
     'Look from the south-west (azimuth 225), 24 degrees off nadir, towards 045.'
     """

@@ -60,10 +60,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
 
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
-    """The server, bound to the loopback address and not yet serving.
-
-    Raises InputError: the port is taken.
-    """
+    """The server, bound to the loopback address and not yet serving. Raises InputError: the port is taken."""
     try:
         return _Server(mission, port)
     except OSError as error:

@@ -52,8 +52,6 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 
     If it never is within 24 hours: the time when the sun is highest. `start` is now by default.
 
-    Examples
-    --------
     >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
     '2026-06-21T14:20:00'
     """

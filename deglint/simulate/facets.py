@@ -86,8 +86,6 @@ def sparkle_share(patch: float, facet: float) -> float:
 
     `patch` is the size of the patches of nearly uniform slope [m], `facet` the side of a facet [m].
 
-    Examples
-    --------
     >>> round(sparkle_share(0.005, 0.0625), 2)
     0.16
     """

@@ -222,8 +222,6 @@ def experiments(
     All other parameters are those of `base`. The name holds wind [m/s], delay [ms], viewing geometry [degree] and
     f-number. Setups that differ only in delay or f-number have the same seed, and so the same sea.
 
-    Examples
-    --------
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']
     """
