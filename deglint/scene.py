@@ -16,8 +16,7 @@ from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
 MIDDLE = 768  # largest side of the central part of a scene that a small picture shows [pixel]
-Window = tuple[tuple[int, int], tuple[int, int]]
-"""((first row, last row + 1), (first column, last column + 1))."""
+Window = tuple[tuple[int, int], tuple[int, int]]  # ((first row, last row + 1), (first column, last column + 1))
 
 
 @dataclass(frozen=True, slots=True)

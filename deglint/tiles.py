@@ -21,8 +21,7 @@ from .moments import CELL
 from .scene import Window
 
 Result = TypeVar("Result")
-Run = Callable[..., Iterator[tuple[Any, Any]]]
-"""Type of functions that run work on tiles, as `run` does."""
+Run = Callable[..., Iterator[tuple[Any, Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
 MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
 SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads

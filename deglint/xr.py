@@ -42,8 +42,7 @@ from .tiles import Tile, default_threads
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
-Work = Callable[[Scene, Tile], npt.NDArray[Any]]
-"""Function that computes a (band, row, column) array from a tile of a scene."""
+Work = Callable[[Scene, Tile], npt.NDArray[Any]]  # function that makes a (band, row, column) array of a scene's tile
 
 
 @checked_keywords()
@@ -299,11 +298,6 @@ def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
 
 class Deglint:
     """The xarray accessor `deglint`: `array.deglint` and `dataset.deglint`, after `deglint.xr` is imported.
-
-    Parameters
-    ----------
-    given : DataArray or Dataset
-        The object to which the accessor belongs.
 
     Examples
     --------

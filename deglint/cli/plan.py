@@ -36,8 +36,6 @@ def minutes(text: str) -> float:
     return count
 
 
-read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
-
 PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.model", "sensor": "sensor.preset",
           "slopes": "models.slopes", "sky": "models.sky"}  # fmt: skip
 """Table and key in a mission file, "table.key", of options by name; `number` adds those that are numbers."""
@@ -94,8 +92,8 @@ plan_options = with_options(
     heading("When to fly"),
     click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
     click.option("--to", "end", metavar="ISO", help="the last,"),
-    click.option("--every", callback=read_duration, metavar="30min",
-                 help="and the step between them; 30min by default."),
+    click.option("--every", callback=parsed(minutes, "is not like 30min or 1h, from 1 minute to a day."),
+                 metavar="30min", help="and the step between them; 30min by default."),
     heading("If the wind is uncertain"),
     click.option("--wind-within", callback=at("speed", "turn", "2@30, speed [m/s] @ angle [degree]"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),

@@ -32,8 +32,7 @@ CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
 STRIP = 4 << 20  # most values in a tile of several cells, for files stored in strips: few strips are then read twice
-TILES = 8
-"""Number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more."""
+TILES = 8  # number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more
 TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 

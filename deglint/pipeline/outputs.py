@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("deglint.pipeline")
 
-BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
-"""Optional outputs besides the image and its sidecar."""
+BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")  # optional outputs beside image and sidecar
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 
 
@@ -297,10 +296,7 @@ def load_model(path: str) -> GlintModel:
 
 
 def load_chain(path: str) -> Chain:
-    """Read the compensation that was saved with a model; an empty chain if there was none.
-
-    Raises ReadError, InputError: no such file, or not a saved compensation.
-    """
+    """Read the compensation that was saved with a model, or an empty chain; raises the same errors as `load_model`."""
     return _load(path)[1]
 
 

@@ -54,8 +54,7 @@ LEAST_CELLS = 40
 25, where a few clumps of sparkle contain most of the glint, real errors were up to 24 times the estimated errors; with
 more than 40, up to 1.3 times."""
 GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
-READ_MARGIN = 1.1
-"""Safety factor on the pixels to read, computed as if the error fell with the square root of their number."""
+READ_MARGIN = 1.1  # safety factor on the pixels to read, as if the error fell with the square root of their number
 
 Place = tuple[Window | None, list[Any]]
 """Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""

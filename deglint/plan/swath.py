@@ -16,8 +16,7 @@ from .mission import SUN_LIMIT, Mission, tables_of
 
 EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
-SPOILT = 0.5
-"""Share of the view in glint above which no heading is recommended [1]: less than half of the line is usable."""
+SPOILT = 0.5  # share of the view in glint above which no heading is recommended [1]: most of the line is not usable
 _ACROSS, _ALONG = 121, 31  # number of points across and along the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
 TIME_STEP = 30  # step between the times that are tried [minute]
