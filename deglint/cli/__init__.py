@@ -35,6 +35,4 @@ def main() -> NoReturn:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command; an error becomes one line on stderr and an exit code."""
-    return cli.run(arguments)
+run = cli.run  # function that runs the command with its arguments, and returns its exit code

@@ -244,9 +244,7 @@ class Correction:
     def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
         """All bands in the type of the output; negative and clipped values are added to `flags` and `tally`."""
         info, layout = raster_of(self.scene).info, self.layout
-        raw, lost = relaid(
-            np.ascontiguousarray(block.raw), block.valid, layout.info.nodatas, layout.dtype, layout.nodata
-        )
+        raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         for bands, place in block.changes:
             negative, clipped = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place, nodata=layout.nodata

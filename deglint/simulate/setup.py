@@ -26,8 +26,7 @@ LEAST_ENERGY = 0.3
 """Least share of their energy that short waves keep; if slopes are then still too steep, `Facets` scales them."""
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped to it."""
-EDGE_MARGIN = 16
-"""Columns added to an image with a coast or a bottom [pixel]: the grid is periodic, and blur crosses its edges."""
+EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
 DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]

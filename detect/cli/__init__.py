@@ -46,6 +46,4 @@ def main() -> NoReturn:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command and return its exit code; an error is written as one line to stderr."""
-    return cli.run(arguments)
+run = cli.run  # function that runs the command with its arguments, and returns its exit code
