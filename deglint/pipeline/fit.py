@@ -24,7 +24,6 @@ from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, role_bands, sampler_of
 from .recipe import Recipe, make_request
-from .sample import Sampled, describe_sample, fit_sampled, place_of
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
@@ -175,7 +174,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     method = "wiener" if method == "auto" else method
     log.info("compensation: %s", "none" if text == "off" else text)
     chain, of_sample = Chain(), list[str]()
-    sampled: Sampled | tuple[None, None] = None, None
+    sampled: learning.Sampled | tuple[None, None] = None, None
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
@@ -184,12 +183,12 @@ def _fit(job: Job, of_nir: str) -> Fitted:
             training = learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
         chain, model = learning.fit_training(job, training, sampler, text, method)
         pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-        places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
-        sampled = describe_sample(job, model, pixels, places)
+        places = [learning.place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
+        sampled = learning.describe_sample(job, model, pixels, places)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sampled, of_sample = fit_sampled(job, sampler or sampler_of(job), method)
+        model, sampled, of_sample = learning.fit_sampled(job, sampler or sampler_of(job), method)
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
