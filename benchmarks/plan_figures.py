@@ -18,8 +18,7 @@ from deglint.plan.charts import day_picture, line_picture, selected, wind_pictur
 from deglint.plan.draw import GREY, INK, ORANGE, Canvas, palette
 from deglint.plan.picture import layers, picture, sky_disc
 from deglint.plan.swath import FieldOfView, Line, alternatives, words
-from deglint.plan.sweep import plans, times
-from deglint.plan.uncertainty import WindEnsemble
+from deglint.plan.sweep import WindEnsemble, plans, times
 
 from .timing import ROOT
 

@@ -19,8 +19,8 @@ from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import FloatingTarget, Setup, simulate, whitecaps
 from deglint.simulate.artefacts import Artefacts
-from deglint.simulate.bottom import Bottom
 from deglint.simulate.cover import TARGET
+from deglint.simulate.underwater import Bottom
 
 from .files import values
 from .scenes import SIDE, Array, Known, deglinted, objects

@@ -26,14 +26,14 @@ from types import SimpleNamespace
 from typing import Any
 
 from .checks import check_choice, check_kind
-from .checksum import are_as, fingerprints, is_as
+from .checksum import are_as, fingerprint, is_as
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Outputs
 from .pipeline.outputs import DTYPES
 from .pipeline.recipe import Recipe, band_names
 from .pipeline.run import READING, remove_glint
 from .raster.environment import environment
-from .raster.targets import check_target, check_unread, claimed, make_directory
+from .raster.targets import check_target, check_unread, claimed, files_behind, make_directory
 from .readers.scenes import ListedScene, checked_name, files_of
 from .readers.text import read_json, read_toml
 from .tiles import default_threads
@@ -62,8 +62,8 @@ class Order:
 
     def request(self) -> str:
         """Checksum of everything that the result depends on except the scene; equal orders give equal checksums."""
-        read = fingerprints([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
-        files = {path: found["crc32"] for path, found in read.items()}
+        read = files_behind([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
+        files = {path: fingerprint(path)["crc32"] for path in read}
         said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
         return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
 
@@ -141,10 +141,7 @@ class Outcome:
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
-    """One job for each scene.
-
-    Raises InputError: two scenes would be written to one file, or an output would replace an input file.
-    """
+    """One job for each scene. Raises InputError: scenes with the same output, or an output that replaces an input."""
     jobs = []
     made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:
@@ -287,9 +284,9 @@ class _Worker:
             return said
         except (EOFError, OSError):
             self.process.join()
-        code = self.process.exitcode
+        code, seconds = self.process.exitcode, round(time.perf_counter() - begun, 3)
         why = " (SIGKILL): out of memory, perhaps; try fewer --jobs" if code == -9 else ""
-        return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=_since(begun))
+        return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=seconds)
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
@@ -307,11 +304,7 @@ def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while True:
             job, begun = line.recv(), time.perf_counter()
-            line.send(replace(_do(job, order, threads), seconds=_since(begun)))
-
-
-def _since(begun: float) -> float:
-    return round(time.perf_counter() - begun, 3)
+            line.send(replace(_do(job, order, threads), seconds=round(time.perf_counter() - begun, 3)))
 
 
 def _watch_parent() -> None:

@@ -19,8 +19,6 @@ Result = TypeVar("Result")
 def nearest(word: str, known: list[str]) -> str:
     """Suggestion "; did you mean X?" if one of the known words is similar to `word`, else an empty string.
 
-    Examples
-    --------
     >>> nearest("hedly", ["hedley", "joyce"]), nearest("magic", ["hedley", "joyce"])
     ("; did you mean 'hedley'?", '')
     """
@@ -53,8 +51,6 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[
 def described(value: Any) -> str:
     """Short text for a value in an error message; for an array, its shape.
 
-    Examples
-    --------
     >>> described("a.tif"), described(7), described([1] * 99)
     ("'a.tif'", '7', 'a list of 99')
     """

@@ -11,8 +11,7 @@ from typing import Any
 from .errors import ReadError
 from .raster.targets import files_behind
 
-_CHUNK = 4 << 20
-"""Bytes read at a time: large enough that the thread rarely has to compete for Python's interpreter lock."""
+_CHUNK = 4 << 20  # bytes read at a time: so many that the thread rarely has to compete for Python's interpreter lock
 _VIEWER_FILES = (".aux.xml", ".ovr")
 """Endings of files that viewers write beside a raster; they may change during a run, as GDAL reads them only when it
 opens the raster."""
@@ -66,11 +65,6 @@ class Checksum:
 
     def _work(self) -> None:
         self._found = [{"path": path, **fingerprint(path)} for path in self._listed]
-
-
-def fingerprints(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """`fingerprint` of every file that is read for some GDAL names, by path."""
-    return {path: fingerprint(path) for path in files_behind(names)}
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:

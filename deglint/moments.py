@@ -266,8 +266,7 @@ def _two_passes(x: Float64) -> Reduced:
 
 def _typical(x: Float64) -> Float64:
     """Median of first, middle and last pixel for each variable; it is robust against one outlier."""
-    a, b, c = x[:, 0], x[:, x.shape[1] // 2], x[:, -1]
-    return np.asarray(np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)))
+    return np.sort(x[:, [0, x.shape[1] // 2, -1]], axis=1)[:, 1]
 
 
 def _two_sum(a: Float64, b: Float64) -> tuple[Float64, Float64]:

@@ -3,8 +3,6 @@
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["grown", "opened", "square"]
-
 
 def square(side: int) -> npt.NDArray[np.uint8]:
     """A square structuring element of `side` pixels."""

@@ -16,8 +16,7 @@ from .errors import BandError, DeglintError
 
 FloatArray = npt.NDArray[np.floating[Any]]
 MIDDLE = 768  # largest side of the central part of a scene that a small picture shows [pixel]
-Window = tuple[tuple[int, int], tuple[int, int]]
-"""((first row, last row + 1), (first column, last column + 1))."""
+Window = tuple[tuple[int, int], tuple[int, int]]  # ((first row, last row + 1), (first column, last column + 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +107,9 @@ class Scene:
         return shown(repr(self), [*rows, *(("note", note) for note in self.notes)], picture)
 
     def middle(self) -> FloatArray | None:
-        """Red, green and blue of the central part of the scene, for a small picture; None if it cannot be read.
+        """Red, green and blue, (3, row, column), of the central part of the scene, for a small picture.
 
-        Returns
-        -------
-        (3, row, column) ndarray or None
-            At most `MIDDLE` rows and columns.
+        At most `MIDDLE` rows and columns; None if they cannot be read.
         """
         rows, columns = ((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
         try:
@@ -158,10 +154,8 @@ class Scene:
 
         Raises
         ------
-        BandError
-            A band is not in the scene.
-        ReadError
-            The file cannot be read.
+        BandError, ReadError
+            A band is not in the scene; the file cannot be read.
         """
         window = window or ((0, self.height), (0, self.width))
         indexes = range(len(self.bands)) if bands is None else [self.index(b) for b in bands]
@@ -170,16 +164,12 @@ class Scene:
     def index(self, band: int | str) -> int:
         """0-based index of a band given by 0-based index or by name (case does not matter).
 
-        Raises
-        ------
-        BandError
-            No such band; the message lists the bands.
+        Raises BandError: there is no such band; the message lists the bands.
         """
+        names = [name.casefold() for name in self.names]
         if isinstance(band, str):
-            wanted = band.strip().casefold()
-            for i, b in enumerate(self.bands):
-                if b.name.casefold() == wanted:
-                    return i
+            if (wanted := band.strip().casefold()) in names:
+                return names.index(wanted)
         elif 0 <= band < len(self.bands):
             return int(band)
         raise BandError(f"no band {band!r} in {self.path or 'the scene'}; it has {self.describe_bands()}")

@@ -21,8 +21,7 @@ from .moments import CELL
 from .scene import Window
 
 Result = TypeVar("Result")
-Run = Callable[..., Iterator[tuple[Any, Any]]]
-"""Type of functions that run work on tiles, as `run` does."""
+Run = Callable[..., Iterator[tuple[Any, Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
 MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
 SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads
@@ -152,13 +151,9 @@ def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
 
 
 def run(
-    everything: Sequence[Tile],
-    work: Callable[[Tile], Result],
-    *,
-    threads: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    start: Callable[[], None] | None = None,
-) -> Iterator[tuple[Tile, Result]]:
+    everything: Sequence[Tile], work: Callable[[Tile], Result], *, threads: int = 1,
+    progress: Callable[[int, int], None] | None = None, start: Callable[[], None] | None = None,
+) -> Iterator[tuple[Tile, Result]]:  # fmt: skip
     """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
 
     Each thread calls `start` before its first tile. `progress` is called with the number of finished and of all tiles.

@@ -32,8 +32,6 @@ class Reporter:
 def duration(seconds: float) -> str:
     """A duration [s] as short text.
 
-    Examples
-    --------
     >>> duration(4.4), duration(200), duration(9000)
     ('4 s', '3 min', '2.5 h')
     """

@@ -42,8 +42,7 @@ from .tiles import Tile, default_threads
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
 log = logging.getLogger(__name__)
-Work = Callable[[Scene, Tile], npt.NDArray[Any]]
-"""Function that computes a (band, row, column) array from a tile of a scene."""
+Work = Callable[[Scene, Tile], npt.NDArray[Any]]  # function that makes a (band, row, column) array of a scene's tile
 
 
 @checked_keywords()
@@ -210,12 +209,7 @@ def stack(dataset: Any) -> Any:
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
     If the wavelengths of at least two variables are known, only these variables are bands: classes and masks are left
-    out.
-
-    Raises
-    ------
-    InputError
-        The variables differ in their dimensions.
+    out. Raises InputError: the variables differ in their dimensions.
     """
     names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:
@@ -304,11 +298,6 @@ def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
 
 class Deglint:
     """The xarray accessor `deglint`: `array.deglint` and `dataset.deglint`, after `deglint.xr` is imported.
-
-    Parameters
-    ----------
-    given : DataArray or Dataset
-        The object to which the accessor belongs.
 
     Examples
     --------

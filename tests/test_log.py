@@ -7,7 +7,7 @@ import pytest
 
 import deglint
 from deglint import Recipe, timing
-from deglint.cli.console import Console
+from deglint.cli.running import Console
 
 PLAIN = ("--method", "hedley", "--sample", "all", "--mask", "none", "--compensate", "off")
 

@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 from deglint.errors import BandError, InputError
 from deglint.physics import atmosphere, glint
 from deglint.plan import Limits, Mission, reticle
-from deglint.plan.advice import MARGIN, best_geometry, compass, one_in, quality, sentence
 from deglint.plan.charts import day_picture, line_picture, selected, wind_picture
 from deglint.plan.draw import MAGENTA, png
-from deglint.plan.missionfile import merged, mission_from, pressure, tables_of
+from deglint.plan.mission import merged, mission_from, pressure, tables_of
 from deglint.plan.picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, layers, picture
+from deglint.plan.reticle import MARGIN, best_geometry, compass, one_in, quality, sentence
 from deglint.plan.swath import FieldOfView, Line, alternatives, viewing_geometries
 from deglint.plan.swath import words as sentences
-from deglint.plan.sweep import best_moment, next_daylight, plans, table, times
-from deglint.plan.uncertainty import WindEnsemble, words
+from deglint.plan.sweep import WindEnsemble, best_moment, next_daylight, plans, table, times
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
 
@@ -255,7 +254,7 @@ def test_an_uncertain_wind_gives_intervals():
     geometry = found.best
     low, high = found.at(geometry)["contrast"]
     assert 0 < low <= geometry.contrast <= high
-    assert "Whatever the wind" in words(found)[1]
+    assert "Whatever the wind" in found.words()[1]
     assert wind_picture(found).shape == (HEIGHT, WIDTH, 3)
 
 

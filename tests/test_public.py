@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 def test_checkers_are_shown_the_names_that_are_loaded(package):
     tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
     shown = {
-        f"{alias.asname}": node.module
+        f"{alias.asname or alias.name}": node.module
         for block in tree.body
         if isinstance(block, ast.If)
         for node in block.body

@@ -15,9 +15,9 @@ from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
 from deglint.simulate.artefacts import KERNELS
 from deglint.simulate.facets import Facets
-from deglint.simulate.light import Light
-from deglint.simulate.objects import label
+from deglint.simulate.scene import Light
 from deglint.simulate.setup import SlopeModel, experiments
+from deglint.simulate.underwater import label
 
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)

@@ -140,7 +140,7 @@ def test_what_is_kept_of_a_large_sample_is_bounded(sea, write, tmp_path, monkeyp
     source = write(tmp_path / "in.tif", sea(420, 650), tiled=True, blockxsize=64, blockysize=64)
     recipe = Recipe(method="joyce", sample="all", mask="none")
     whole = library.fit_scene(library.open_scene(source), recipe).model
-    monkeypatch.setattr("deglint.pipeline.sampling.MOST_CELLS", 20)
+    monkeypatch.setattr("deglint.pipeline.sample.MOST_CELLS", 20)
     found = []
     for samples in (4 * 64 * 64, 4 * 192 * 192, 1 << 22):
         monkeypatch.setattr(tiles, "SAMPLES", samples)
@@ -284,7 +284,8 @@ def wavelengths(dataset):
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("method", METHODS)
-def test_files_and_arrays_give_the_same_bits(write, read, tmp_path, small_tiles, method, dtype):
+def test_files_and_arrays_give_the_same_bits(write, read, tmp_path, small_tiles, monkeypatch, method, dtype):
+    monkeypatch.setattr("deglint.pipeline.overview.TILE_SIDE", 512)  # an array is one training tile
     raw = eight_bands(dtype)
     source = write(tmp_path / "in.tif", raw, names=[f"L{w}" for w in NARROW], describe=wavelengths)
     regressions = REGRESSIONS if METHODS[method].regresses else ["auto"]

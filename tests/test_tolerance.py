@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deglint import Recipe, fit_scene, open_scene
 from deglint.errors import InputError
-from deglint.pipeline import sampling as module
+from deglint.pipeline import sample as module
 from deglint.pipeline.overview import TILE_SIDE
 from deglint.remove import METHODS, glint_error, merge, nir_request
 from deglint.remove.statistics import gather
@@ -40,7 +40,7 @@ def scene(sea, write, tmp_path):
 
 def said(path, tolerance, **options):
     fitted = fit_scene(open_scene(path), Recipe(**(PLAIN | options), tolerance=tolerance))
-    return fitted, fitted.numbers["sample"].get("tolerance")
+    return fitted, fitted.sampled.get("tolerance")
 
 
 def test_stops_early_where_that_is_enough_and_is_as_right_as_it_says(scene):
@@ -87,7 +87,7 @@ def test_same_for_any_blocks_and_threads(scene):
     for threads, layout in ((1, {}), (3, {"tiled": True, "blockxsize": 256, "blockysize": 128})):
         recipe = Recipe(**PLAIN, tolerance=0.005)
         fitted = fit_scene(open_scene(scene(spread=0.05, **layout)), recipe, threads=threads)
-        found.append((fitted.model, fitted.numbers["sample"]["tolerance"]))
+        found.append((fitted.model, fitted.sampled["tolerance"]))
     assert found[0] == found[1]
     assert 0 < found[0][1]["pixels_skipped"] < 0.7 * 960**2
 

@@ -18,9 +18,7 @@ COMMANDS = {
 }
 
 
-@click.group(
-    cls=running.Commands, home=__name__, lines=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
-)
+@click.group("deglint", cls=running.Commands, home=__name__, lines=COMMANDS)
 @click.version_option(__version__, "--version", prog_name="deglint")
 def cli() -> None:
     """Find and remove sun glint in multispectral images of the sea.
@@ -37,10 +35,4 @@ def main() -> NoReturn:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command; an error becomes one line on stderr and an exit code."""
-    return running.run(cli, "deglint", arguments)
-
-
-rio = running.plugin(cli, "deglint")
-"""`rio deglint`: the same command as a plugin of rasterio's command `rio`."""
+run = cli.run  # function that runs the command with its arguments, and returns its exit code

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .console import Console
-from .grouped import SETTINGS, Grouped
-from .options import FILE, with_options
+from .options import FILE, SETTINGS, Grouped, heading, with_options
 from .remove import read_bytes, size
+from .running import Console
 
 if TYPE_CHECKING:
     from ..batch import Outcome
@@ -26,23 +25,25 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 batch_options = with_options(
-    click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
-                 help="Scenes at the same time, each in a process of its own."),
-    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors, shared out",
-                 help="Threads of each."),
+    heading("Output"),
     click.option("--overwrite", is_flag=True,
                  help="Make again what exists and was made by another recipe or of another input. What is finished is "
                       "never made again."),
     click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory."),
     click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing."),
-    click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
     click.option("--table", type=FILE, metavar="FILE.csv",
                  help="Write the summary as CSV, too, in place of an older one."),
+    heading("Processing"),
+    click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
+                 help="Scenes at the same time, each in a process of its own."),
+    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors, shared out",
+                 help="Threads of each."),
+    heading("Messages"),
+    click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
     click.option("-v", "--verbose", count=True, show_default=False,
                  help="Log what is decided for each scene, too; -vv: a traceback where it fails."),
     click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only."),
 )  # fmt: skip
-"""Options of the command, in the order of `--help`."""
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)

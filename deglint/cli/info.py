@@ -6,17 +6,21 @@ from typing import Any
 
 import click
 
-from .console import Console
-from .grouped import SETTINGS, Grouped
-from .options import FILE, FileName, common, opening
+from .options import FILE, SETTINGS, FileName, Grouped, heading, messages, opening, reading, threads
+from .running import Console
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="IN [IN ...]")
+@heading("What to do")
 @click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
               help="Deep, glinted water to judge by.")  # fmt: skip
+@reading
+@heading("Processing")
+@threads
+@heading("Messages")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, and nothing else.")
-@common
+@messages
 def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> None:
     """Describe IN, and try the candidate recipes on sample tiles; nothing is written.
 

@@ -9,10 +9,40 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from .running import BoldContext
+
 log = logging.getLogger(__name__)
+SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a command
 # names for --help, which loads neither the simulator nor the planner; tests compare them with the real names
 SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
 SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
+
+
+class Grouped(click.Command):
+    """Command whose `--help` lists its options below the headings that `heading` gives them."""
+
+    context_class = BoldContext
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            if record := isinstance(parameter, click.Option) and parameter.get_help_record(ctx):
+                groups.setdefault(getattr(parameter, "heading", "Messages"), []).append(record)
+        for text, records in groups.items():
+            with formatter.section(text):
+                formatter.write_dl(records)
+
+
+def heading(text: str) -> Callable[[Any], Any]:
+    """Decorator that puts a heading above the options that follow it, up to the next heading."""
+
+    def decorate(command: Any) -> Any:
+        for option in command.__click_params__:
+            option.heading = getattr(option, "heading", text)
+        return command
+
+    return decorate
 
 
 class AutoOr(click.Choice[str]):
@@ -90,8 +120,18 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     return decorate
 
 
+threads = click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors",
+                       help="The result does not depend on it.")  # fmt: skip
+creation = click.option(
+    "--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
+    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
+)  # fmt: skip
+print_sidecar = with_options(
+    heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+)
 read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
-common = with_options(
+reading = with_options(
+    heading("Input"),
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
                       "planetscope, micasense, landsat8, ...), or a file of a sensor of your own."),
@@ -106,13 +146,26 @@ common = with_options(
                  show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
     click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none",
                  help="Value that means: not valid; none: every number is data."),
-    click.option("--threads", type=click.IntRange(1, 1024), metavar="N",
-                 show_default="all processors", help="The result does not depend on it."),
+)  # fmt: skip
+"""Options for reading the input."""
+processing = with_options(
+    heading("Processing"),
+    click.option("--cluster", metavar="tcp://HOST:PORT",
+                 help="Work on this dask cluster, whose workers see the input."),
+    click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
+                 help="Work on N processes of this machine in place of threads."),
+    click.option("--worker-memory", metavar="SIZE", show_default="its share of the machine's",
+                 help="With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
+                 "are done again."),
+    threads,
+)  # fmt: skip
+"""Options for threads, or a Dask cluster in place of them."""
+messages = with_options(
+    heading("Messages"),
     click.option("-v", "--verbose", count=True, show_default=False,
                  help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
     click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
 )  # fmt: skip
-"""Options for reading the input, and for the verbosity."""
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,18 +181,6 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
         raise click.UsageError(
             f"OUT is missing: only {output} is named. Name the output, too: {command} {output} {stem or output}_out.tif"
         )
-
-
-on_cluster = with_options(
-    click.option("--cluster", metavar="tcp://HOST:PORT",
-                 help="Work on this dask cluster, whose workers see the input."),
-    click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
-                 help="Work on N processes of this machine in place of threads."),
-    click.option("--worker-memory", metavar="SIZE", show_default="its share of the machine's",
-                 help="With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
-                 "are done again."),
-)  # fmt: skip
-"""Options that select a Dask cluster instead of threads."""
 
 
 @contextlib.contextmanager

@@ -4,12 +4,11 @@ import logging
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import click
 
-from .grouped import Grouped
-from .options import FILE, SENSOR_NAMES, SKY_NAMES, parsed, with_options
+from .options import FILE, SENSOR_NAMES, SKY_NAMES, Grouped, heading, parsed, with_options
 
 log = logging.getLogger(__name__)
 
@@ -37,110 +36,94 @@ def minutes(text: str) -> float:
     return count
 
 
-read_duration = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
-
-NUMBER_OPTIONS: tuple[tuple[str, str, str, str], ...] = (  # option, table and key in a mission file, unit, help
-    ("--lat", "place.latitude", "DEG", "Latitude, north positive."),
-    ("--lon", "place.longitude", "DEG", "Longitude, east positive."),
-    ("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
-    ("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
-    ("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
-    ("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
-    ("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
-    ("--visibility", "air.visibility", "KM", "Visibility; 40 by default."),
-    ("--humidity", "air.humidity", "%", "Relative humidity; 80 by default."),
-    ("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air; 2.5 by default."),
-    ("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
-    ("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
-    ("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    ("--max-glint-probability", "limits.glint_probability", "SHARE",
-     "Exclude where a larger share of the sea mirrors the sun."),
-    ("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre that counts as sun; its disk by default."),
-    ("--max-sky-ratio", "limits.sky_ratio", "N",
-     "Ratio of sky to water above which a part of the sea mirrors too much sky; 2 by default."),
-    ("--max-sky-share", "limits.sky_probability", "SHARE",
-     "Exclude where a larger share of the sea mirrors too much sky; 0.1 by default."),
-    ("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
-    ("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    ("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default."),
-    ("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
-)  # fmt: skip
+PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.model", "sensor": "sensor.preset",
+          "slopes": "models.slopes", "sky": "models.sky"}  # fmt: skip
+"""Table and key in a mission file, "table.key", of options by name; `number` adds those that are numbers."""
 
 
-def _numbers(chosen: slice) -> list[Callable[..., Any]]:
-    """Options that take one number: the `chosen` part of `NUMBER_OPTIONS`."""
-    return [click.option(name, type=float, metavar=unit, help=said) for name, _, unit, said in NUMBER_OPTIONS[chosen]]
+def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
+    """Option that takes a number, which has a place in a mission file."""
+    PLACES[option[2:].replace("-", "_")] = place
+    return click.option(option, type=float, metavar=unit, help=said)
 
 
-mission_options = with_options(
-    click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
-                 help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated."),
+plan_options = with_options(
+    heading("Place, time and sun"),
     click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
-    *_numbers(slice(2)),
+    number("--lat", "place.latitude", "DEG", "Latitude, north positive."),
+    number("--lon", "place.longitude", "DEG", "Longitude, east positive."),
     click.option("--place", type=FILE, metavar="FILE", help="Raster or GeoJSON whose middle is the place."),
     click.option("--time", metavar="ISO", help="UTC, such as 2026-06-21T18:00Z; now by default."),
     click.option("--sun", callback=at("zenith", "azimuth", "20.5@270.2, zenith angle @ azimuth [degree]"),
                  metavar="ZENITH@AZIMUTH", help="The sun's angles, in place of place and time."),
+    heading("Wind and air"),
     click.option("--wind", callback=at("speed", "from", "7@310, speed [m/s] @ azimuth that it blows from [degree]"),
                  metavar="M/S@FROM", help="Wind at 10 m, and the azimuth it blows from; 5@0 by default."),
-    *_numbers(slice(2, None)),
+    number("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
+    number("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
+    number("--visibility", "air.visibility", "KM", "Visibility; 40 by default."),
+    number("--humidity", "air.humidity", "%", "Relative humidity; 80 by default."),
+    number("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air; 2.5 by default."),
+    number("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
+    number("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
     click.option("--pressure", metavar="HPA", help="Air pressure, or with its unit, 29.9inHg; 1013.25 by default."),
-    click.option("--sensor", metavar="NAME", help=f"Sensor: {', '.join(SENSOR_NAMES)}; thesis by default."),
-    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
     click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of the slopes of waves; cox-munk by default."),
     click.option("--sky", type=click.Choice(SKY_NAMES),
                  help="Model of the sky; harrison-coombes, the clear sky, by default."),
+    heading("Target, water and sensor"),
+    number("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
+    number("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
+    number("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
+    number("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
+    number("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
+    click.option("--sensor", metavar="NAME", help=f"Sensor: {', '.join(SENSOR_NAMES)}; thesis by default."),
+    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
     click.option("--water", type=click.Choice(WATER_NAMES), help="Water scatters (default), or only absorbs."),
-    click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
-    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
-    click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
-    click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
-    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
-)  # fmt: skip
-"""Options that describe a mission, and the outputs."""
-mode_options = with_options(
+    heading("What is excluded"),
+    number("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
+    number("--max-glint-probability", "limits.glint_probability", "SHARE",
+           "Exclude where a larger share of the sea mirrors the sun."),
+    number("--tolerance", "limits.tolerance", "DEG",
+           "Angle from the sun's centre that counts as sun; its disk by default."),
+    number("--max-sky-ratio", "limits.sky_ratio", "N",
+           "Ratio of sky to water above which a part of the sea mirrors too much sky; 2 by default."),
+    number("--max-sky-share", "limits.sky_probability", "SHARE",
+           "Exclude where a larger share of the sea mirrors too much sky; 0.1 by default."),
+    heading("When to fly"),
     click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
     click.option("--to", "end", metavar="ISO", help="the last,"),
-    click.option("--every", callback=read_duration, metavar="30min",
-                 help="and the step between them; 30min by default."),
+    click.option("--every", callback=parsed(minutes, "is not like 30min or 1h, from 1 minute to a day."),
+                 metavar="30min", help="and the step between them; 30min by default."),
+    heading("If the wind is uncertain"),
     click.option("--wind-within", callback=at("speed", "turn", "2@30, speed [m/s] @ angle [degree]"), metavar="M/S@DEG",
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
+    heading("Which way to fly"),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
     click.option("--altitude", type=float, default=300.0, metavar="M",
                  help="--fov: altitude above the sea; 300 by default."),
     click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: the sensor looks forward by this,"),
     click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+    heading("A page with sliders"),
     click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
     click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
                  help="--serve: 8765 by default; 0 takes a free one."),
     click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
+    heading("Output"),
+    click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
+                 help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated."),
+    number("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default."),
+    number("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
+    click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
+    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
+    heading("Messages"),
+    click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
+    click.option("-v", "--verbose", count=True, help="-vv: a traceback where it fails."),
+    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors and the plan."),
 )  # fmt: skip
-"""Options that select a mode other than one reticle."""
 
 
-class _Plan(Grouped):
-    groups: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Place, time and sun": ("mission", "lat", "lon", "place", "time", "sun"),
-        "Wind and air": (
-            "wind", "wind_height", "wind_mean", "visibility", "humidity", "water_vapour", "air_mass", "ozone",
-            "pressure", "slopes", "sky",
-        ),
-        "Target, water and sensor": (
-            "depth", "reflectance", "chlorophyll", "water", "sensor", "bands", "min_contrast", "ner",
-        ),
-        "What is excluded": ("max_glint", "max_glint_probability", "tolerance", "max_sky_ratio", "max_sky_share"),
-        "When to fly": ("start", "end", "every"),
-        "If the wind is uncertain": ("wind_within",),
-        "Which way to fly": ("fov", "altitude", "pitch", "roll"),
-        "A page with sliders": ("serve", "port", "no_browser"),
-        "Output": ("outs", "show", "step", "widest", "overwrite"),
-        "Messages": ("as_json", "verbose", "quiet", "help"),
-    }  # fmt: skip
-
-
-@click.command(cls=_Plan, context_settings={"help_option_names": ["-h", "--help"]})
-@mission_options
-@mode_options
+@click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
+@plan_options
 def plan(**given: Any) -> None:
     """Find the viewing geometries from which sun glint does not hide an object under water.
 
@@ -152,15 +135,16 @@ def plan(**given: Any) -> None:
     deglint plan --lat 36.8 --lon -122 --time 2026-06-21T18:00Z --wind 7@310 --fov 40 -o heading.png
     deglint plan --lat 36.8 --lon -122 --serve
     """
-    from ..plan.missionfile import merged, mission_from
+    from ..plan.mission import merged, mission_from
     from ..raster.simulated import check_plan
     from ..readers.text import read_toml
     from . import planning
-    from .console import Console
+    from .running import Console
 
     mode = planning.mode_of(given)
     reads = {"the mission": [given["mission"] or ""], "--place": [given["place"] or ""]}
-    check_plan(given["outs"], planning.endings(mode), reads, overwrite=given["overwrite"])
+    kinds = (".png", ".json", ".nc", ".tif") if mode is planning.one_reticle else (".png", ".json")
+    check_plan(given["outs"], kinds, reads, overwrite=given["overwrite"])
     tables = merged(read_toml(given["mission"], "--mission") if given["mission"] else {}, _tables(given))
     mission = mission_from(planning.by_daylight(mode, given, tables), given["mission"] or "the options")
     with Console(given) as console:
@@ -171,30 +155,23 @@ def plan(**given: Any) -> None:
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """The options that the user gave, as tables of a mission file."""
-    latitude, longitude = given["lat"], given["lon"]
     if given["place"]:
-        if latitude is not None or longitude is not None:
+        if given["lat"] is not None or given["lon"] is not None:
             raise click.UsageError("give --place, or --lat and --lon, not both.")
         from ..readers.areas import middle_of
 
-        latitude, longitude = middle_of(given["place"])
-    if given["sun"] and (latitude is not None or given["time"]):
+        given = given | dict(zip(("lat", "lon"), middle_of(given["place"]), strict=True))
+    if given["sun"] and (given["lat"] is not None or given["time"]):
         raise click.UsageError("give --sun, or place and time, not both.")
     if given["sun"] and len(given["sun"]) < 2:
         raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")
     bands = given["bands"] and [b.strip() for b in given["bands"].split(",")]
-    tables: dict[str, dict[str, Any]] = {
-        "place": {}, "sun": given["sun"] or {}, "wind": given["wind"] or {}, "air": {"pressure": given["pressure"]},
-        "water": {"model": given["water"]}, "object": {},
-        "sensor": {"preset": given["sensor"], "bands": bands},
-        "limits": {}, "view": {}, "models": {"slopes": given["slopes"], "sky": given["sky"]},
-    }  # fmt: skip
-    for option, place, _unit, _said in NUMBER_OPTIONS:
+    tables = {"sun": given["sun"] or {}, "wind": given["wind"] or {}, "sensor": {"bands": bands} if bands else {}}
+    for name, place in PLACES.items():
         table, _, key = place.partition(".")
-        tables[table][key] = given[option[2:].replace("-", "_")]
-    tables["place"] |= {"latitude": latitude, "longitude": longitude, "time": given["time"]}
-    kept = {name: {k: v for k, v in values.items() if v is not None} for name, values in tables.items()}
-    return {name: values for name, values in kept.items() if values}
+        if given[name] is not None:
+            tables.setdefault(table, {})[key] = given[name]
+    return {name: values for name, values in tables.items() if values}
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:

@@ -7,15 +7,15 @@ from typing import Any
 
 import click
 
-from ..plan import reticle, swath, sweep, uncertainty
-from ..plan.advice import best_geometry, quality, sentence
+from ..plan import swath, sweep
 from ..plan.charts import day_picture, line_picture, selected, wind_picture
 from ..plan.dataset import summary
 from ..plan.draw import png
 from ..plan.picture import picture
+from ..plan.reticle import best_geometry, quality, reticle, sentence
 from ..raster.output import plain
 from ..raster.simulated import write_files, write_plan
-from .console import Console
+from .running import Console
 
 log = logging.getLogger(__name__)
 Given = dict[str, Any]  # options of the command by name
@@ -97,8 +97,8 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
     """Plan for an uncertain wind: viewing geometries that are good under every wind of an interval."""
-    found = uncertainty.WindEnsemble(mission, **given["wind_within"])
-    _finish(given, lambda: wind_picture(found), uncertainty.numbers(found), uncertainty.words(found))
+    found = sweep.WindEnsemble(mission, **given["wind_within"])
+    _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 
 
 def flight_line(given: Given, mission: Any, _console: Console) -> None:
@@ -134,10 +134,3 @@ def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any]
 
 def _json(numbers: Mapping[str, Any]) -> str:
     return json.dumps(plain(numbers), indent=2, allow_nan=False)
-
-
-def endings(mode: Mode) -> tuple[str, ...]:
-    """Endings of the file names that a mode can write."""
-    if mode is page:
-        return ()
-    return (".png", ".json", ".nc", ".tif") if mode is one_reticle else (".png", ".json")

@@ -12,28 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .console import Console
-from .grouped import SETTINGS, Grouped
-from .options import (
-    FILE,
-    AutoOr,
-    FileName,
-    cluster_of,
-    common,
-    creation_options,
-    names,
-    needs_output,
-    on_cluster,
-    opening,
-    with_options,
-)  # fmt: skip
+from . import options
+from .options import FILE, AutoOr, FileName, heading, opening
+from .running import Console
 
 if TYPE_CHECKING:
     from ..pipeline import Outputs, Recipe
     from ..scene import Scene
 
 
-remove_options = with_options(
+remove_options = options.with_options(
+    heading("What to do"),
     click.option("--method", type=AutoOr("METHODS"), default="auto",
                  help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
     click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
@@ -49,9 +38,12 @@ remove_options = with_options(
                  help="Width of the smallest target that compensation must keep, such as 4m or 16px."),
     click.option("--mask", type=FileName("auto", "none"), default="auto", metavar="auto|none|FILE|WINDOW",
                  help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON."),
-    click.option("-b", "--band", "bands", multiple=True, callback=names, metavar="BAND[,BAND]",
+    click.option("-b", "--band", "bands", multiple=True, callback=options.names, metavar="BAND[,BAND]",
                  show_default="all of shorter wavelength than the NIR",
                  help="Bands to correct, by name or number (from 1). The others are copied."),
+    click.option("--model", "model_in", type=FILE, metavar="FILE",
+                 help="Apply this saved model instead of fitting one."),
+    heading("Details of the fit"),
     click.option("--regression", type=AutoOr("REGRESSIONS"), default="auto",
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
     click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
@@ -66,8 +58,11 @@ remove_options = with_options(
     click.option("--rrs-factor", type=float, default=3.141592653589793, metavar="FACTOR",
                  show_default="pi, for reflectance",
                  help="For goodman: values are this many times remote-sensing reflectance."),
-    click.option("--model", "model_in", type=FILE, metavar="FILE",
-                 help="Apply this saved model instead of fitting one."),
+    heading("Input"),
+    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
+                 help="Of several files, the one whose grid to use."),
+    options.reading,
+    heading("Output"),
     click.option("--save-model", type=FILE, metavar="FILE", help="Write the fitted model, to apply to another scene."),
     click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample."),
     click.option("--flags", type=FILE, metavar="FILE",
@@ -84,23 +79,19 @@ remove_options = with_options(
     click.option("--dtype", type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
                  show_default="that of the input",
                  help="Type of the output. Values of integer types are rounded, and clipped to the range of the type."),
-    click.option("--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
-                 help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out."),
-    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
-                 help="Of several files, the one whose grid to use."),
+    options.creation,
     click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
     click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing."),
-    click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout."),
 )  # fmt: skip
-"""Options of the command, in the order of `--help`."""
 
 
-@click.command(cls=Grouped, context_settings=SETTINGS)
+@click.command(cls=options.Grouped, context_settings=options.SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
 @remove_options
-@on_cluster
-@common
+@options.processing
+@options.print_sidecar
+@options.messages
 def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Remove sun glint from IN and write OUT, a GeoTIFF with the input's type, tags and place.
 
@@ -113,7 +104,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
-    needs_output(inputs, output, "deglint remove")
+    options.needs_output(inputs, output, "deglint remove")
     saved = given["model_in"]
     if saved and (given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))):
         raise click.UsageError(
@@ -123,7 +114,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         with Console(given):
             dry_run(inputs, output, given)
         return
-    with Console(given) as console, cluster_of(given) as cluster:
+    with Console(given) as console, options.cluster_of(given) as cluster:
         from ..pipeline import load_chain, load_model, remove_glint
 
         model, chain = (load_model(saved), load_chain(saved)) if saved else (None, None)

@@ -1,7 +1,8 @@
-"""Run a command: a subcommand is imported when it is called; an error becomes one line and an exit code."""
+"""Run a command: it is imported when it is called; an error becomes one line and an exit code; log lines on stderr."""
 
 import contextlib
 import difflib
+import logging
 import os
 import re
 import signal
@@ -11,25 +12,69 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any
+from typing import Any, Self
 
 import click
 
 from ..errors import DeglintError, NoWaterError
-from .grouped import BoldContext
+from ..timing import Reporter
+
+LOGGERS = ("deglint", "detect")
+LEVEL_NAMES = {logging.WARNING: ("warning: ", "yellow"), logging.ERROR: ("Error: ", "red")}
+"""Level of a log line: prefix of the line, and colour of the prefix on a terminal."""
+
+
+class _Formatter(click.HelpFormatter):
+    def write_heading(self, heading: str) -> None:
+        self.write(click.style(f"{'':>{self.current_indent}}{heading}:", bold=True) + "\n")
+
+
+class BoldContext(click.Context):
+    """Context of click whose help has bold headings on a terminal."""
+
+    formatter_class = _Formatter
 
 
 class Commands(click.Group):
     """Group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
+    An error becomes one line on stderr and an exit code, also where the group is a plugin of another program (rio).
     `home` is the package whose module NAME defines the command NAME; `lines` holds names and one-line help of commands.
     """
 
     context_class = BoldContext
 
     def __init__(self, *args: Any, home: str, lines: dict[str, str], **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+        super().__init__(*args, context_settings={"help_option_names": ["-h", "--help"]}, **kwargs)
         self._home, self._lines = home, lines
+
+    def run(self, arguments: list[str]) -> int:
+        """Run the command with these arguments and return its exit code."""
+        try:
+            self.main(arguments, self.name)
+        except SystemExit as end:
+            return int(end.code or 0)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Find -vv among all arguments, and parse those of the group."""
+        ctx.color = False if os.environ.get("NO_COLOR") else ctx.color  # None: colours on a terminal only
+        ctx.meta["verbose"] = args.count("--verbose") + sum(a.count("v") for a in args if re.fullmatch("-[vqh]+", a))
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Run the command that the arguments name."""
+        warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
+        with _terminable(), _quiet_libraries():
+            try:
+                super().invoke(ctx)
+            except (click.ClickException, click.exceptions.Exit, BrokenPipeError):  # click handles these
+                raise
+            except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the user gets one line, whatever it is)
+                if ctx.meta["verbose"] > 1:
+                    traceback.print_exc()
+                code, said = _explained(error)
+                click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=ctx.color)
+                ctx.exit(code)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Names of the commands."""
@@ -52,48 +97,10 @@ class Commands(click.Group):
             formatter.write_dl(list(self._lines.items()))
 
 
-def run(cli: click.Group, program: str, arguments: list[str]) -> int:
-    """Run a command and return its exit code; an error becomes one line on stderr."""
-    warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
-    verbose = arguments.count("--verbose") + sum(a.count("v") for a in arguments if re.fullmatch("-[vqh]+", a))
-    colour = False if os.environ.get("NO_COLOR") else None  # None: colours on a terminal only
-    with _terminable(), _quiet_libraries():
-        try:
-            return int(cli.main(arguments, program, standalone_mode=False, color=colour) or 0)
-        except click.ClickException as error:
-            error.show()
-            return error.exit_code
-        except SystemExit as end:  # after shell completion, or when the reader of stdout has ended
-            return int(end.code or 0)
-        except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  (the user gets one line, whatever it is)
-            if verbose > 1:
-                traceback.print_exc()
-            code, said = _explained(error)
-            click.echo(said.replace("Error:", click.style("Error:", fg="red"), 1), err=True, color=colour)
-            return code
-
-
-def plugin(cli: click.Group, name: str) -> click.Command:
-    """The command as a plugin of another program, such as rio; arguments and exit codes are passed through."""
-
-    @click.command(
-        name,
-        short_help=cli.get_short_help_str(100),
-        add_help_option=False,
-        context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
-    )
-    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-    @click.pass_context
-    def command(context: click.Context, arguments: tuple[str, ...]) -> None:
-        context.exit(run(cli, context.command_path, list(arguments)))
-
-    return command
-
-
 def _explained(error: BaseException) -> tuple[int, str]:
     """Exit code, and line for stderr, of an error."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
-        return 130, "interrupted: no output is half written."
+        return 130, "\ninterrupted: no output is half written."  # the line break ends the ^C of a terminal
     line = " ".join(str(error).split())
     if isinstance(error, DeglintError):
         return (3 if isinstance(error, NoWaterError) else 1), f"Error: {line}"
@@ -146,3 +153,61 @@ def _no_c_stderr() -> Iterator[None]:
             sys.stderr.flush()
             os.dup2(real, 2)
             sys.stderr = python_stderr
+
+
+class Console(logging.Handler):
+    """Handler that shows log lines on stderr, and on a terminal a progress line with the remaining time.
+
+    The library logs to `LOGGERS` and their children, and installs no handler. A command installs this handler within a
+    `with` block; scripts and notebooks install their own. `given` holds the options of the command, with "verbose"
+    (number of -v) and "quiet". Without these two, messages of `level` and above are shown.
+    """
+
+    def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:
+        super().__init__()
+        quiet, verbose = given.get("quiet", False), given.get("verbose", 0)
+        self._shown = logging.ERROR if quiet else logging.DEBUG if verbose else level
+        self._before: list[tuple[int, bool]] = []
+        self._drawn = False
+        self._report = Reporter()
+        self._bar = not quiet and sys.stderr is not None and sys.stderr.isatty()
+
+    def __enter__(self) -> Self:
+        for logger in map(logging.getLogger, LOGGERS):
+            self._before.append((logger.level, logger.propagate))
+            logger.addHandler(self)
+            logger.setLevel(self._shown)
+            logger.propagate = False  # a program that calls this command, such as rio, would print each line again
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.clear()
+        for logger in map(logging.getLogger, LOGGERS):
+            logger.removeHandler(self)
+            level, logger.propagate = self._before.pop(0)
+            logger.setLevel(level)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a log line; a progress line is erased first."""
+        self.clear()
+        name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
+        click.echo((click.style(name, fg=colour) if name else "") + record.getMessage(), err=True)
+
+    def progress(self, stage: str, done: int, total: int) -> None:
+        """Redraw the progress line on a terminal; elsewhere log a line from time to time."""
+        if not self._bar:
+            self._report(stage, done, total)
+            return
+        left, filled = self._report.left(stage, done, total), 30 * done // total
+        said = f", {left} left" if left and done < total else ""
+        line = f"{stage:<8} [{'#' * filled}{'.' * (30 - filled)}] {100 * done // total:3d} %{said}"
+        click.echo(f"\r\x1b[K{line}", nl=False, err=True)
+        self._drawn = True
+        if done == total:
+            self.clear()
+
+    def clear(self) -> None:
+        """Erase the progress line."""
+        if self._drawn:
+            click.echo("\r\x1b[K", nl=False, err=True)
+            self._drawn = False

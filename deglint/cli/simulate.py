@@ -5,12 +5,11 @@ import logging
 import os
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import click
 
-from .grouped import SETTINGS, Grouped
-from .options import SENSOR_NAMES, SKY_NAMES, parsed, with_options
+from .options import SENSOR_NAMES, SETTINGS, SKY_NAMES, Grouped, heading, parsed, threads, with_options
 
 log = logging.getLogger(__name__)
 
@@ -50,36 +49,12 @@ read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] 
 read_foam = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
 
-class _Simulate(Grouped):
-    groups: ClassVar[dict[str, tuple[str, ...]]] = {
-        "Sea and light": (
-            "wind", "wind_from", "spectrum", "fetch", "slopes", "patch", "sky", "sun_zenith", "sun_azimuth",
-            "chlorophyll", "seed",
-        ),
-        "What lies in the water and on it": (
-            "objects", "depth", "bottom", "texture", "coast", "foam", "boat",
-        ),
-        "Sensor": ("preset", "size", "delay", "view_zenith", "view_azimuth", "supersample"),
-        "Errors of the image": ("misregistration", "striping", "resampling", "jpeg"),
-        "Output": ("surface", "grid", "overwrite", "dry_run"),
-        "Processing": ("threads",),
-        "Messages": ("as_json", "verbose", "quiet", "help"),
-    }  # fmt: skip
-
-
 simulate_options = with_options(
-    click.option("--preset", type=click.Choice(SENSOR_NAMES), default="thesis", help="Sensor."),
-    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
-                 help="Size of the image [pixel]."),
+    heading("Sea and light"),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
     click.option("--wind-from", type=float, default=30.0, metavar="DEG", help="Azimuth that it blows from."),
-    click.option("--delay", type=float, multiple=True, metavar="S",
-                 help="Delay from band to band; the sensor's by default."),
     click.option("--sun-zenith", type=float, default=40.0, metavar="DEG", help="Angle of the sun from the zenith."),
     click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG", help="Azimuth of the sun."),
-    click.option("--view-zenith", type=float, default=0.0, metavar="DEG", help="Angle of the sensor off nadir."),
-    click.option("--view-azimuth", type=float, default=0.0, metavar="DEG",
-                 help="Azimuth of the sensor, seen from the sea."),
     click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
     click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Model of the sky."),
     click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Spectrum of the waves."),
@@ -87,6 +62,10 @@ simulate_options = with_options(
                  help="Distribution of slopes that the mean glint follows."),
     click.option("--fetch", type=float, default=100e3, metavar="M",
                  help="For jonswap: distance that the wind has blown over water."),
+    click.option("--patch", type=float, default=0.005, metavar="M",
+                 help="Size of the patches of one slope; 0: no sparkle."),
+    click.option("--seed", type=int, default=0, metavar="N", help="Seed: the same gives the same scene."),
+    heading("What lies in the water and on it"),
     click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
     click.option("--depth", type=float, default=5.0, metavar="M", help="Depth of the objects."),
     click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
@@ -97,30 +76,38 @@ simulate_options = with_options(
                  help="Whitecaps; auto: as the wind makes."),
     click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
+    heading("Sensor"),
+    click.option("--preset", type=click.Choice(SENSOR_NAMES), default="thesis", help="Sensor."),
+    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
+                 help="Size of the image [pixel]."),
+    click.option("--delay", type=float, multiple=True, metavar="S",
+                 help="Delay from band to band; the sensor's by default."),
+    click.option("--view-zenith", type=float, default=0.0, metavar="DEG", help="Angle of the sensor off nadir."),
+    click.option("--view-azimuth", type=float, default=0.0, metavar="DEG",
+                 help="Azimuth of the sensor, seen from the sea."),
     click.option("--supersample", type=int, default=4, metavar="N", help="Facets per pixel, each way."),
-    click.option("--patch", type=float, default=0.005, metavar="M",
-                 help="Size of the patches of one slope; 0: no sparkle."),
+    heading("Errors of the image"),
     click.option("--misregistration", type=float, default=0.0, metavar="PIXELS",
                  help="Largest displacement of a band."),
     click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain."),
     click.option("--resampling", type=click.Choice(KERNEL_NAMES), help="Interpolate the image from another grid."),
     click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG."),
-    click.option("--seed", type=int, default=0, metavar="N", help="Seed: the same gives the same scene."),
+    heading("Output"),
     click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),
     click.option("--grid", is_flag=True,
                  help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."),
     click.option("--overwrite", is_flag=True, help="Replace files that are there."),
     click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop."),
-    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors",
-                 help="The result does not depend on it."),
+    heading("Processing"),
+    threads,
+    heading("Messages"),
     click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout."),
     click.option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv: a traceback where it fails."),
     click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
 )  # fmt: skip
-"""Options of the command, in the order of `--help`."""
 
 
-@click.command(cls=_Simulate, context_settings=SETTINGS)
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @simulate_options
 def simulate(out: Path, **given: Any) -> None:
@@ -134,7 +121,7 @@ def simulate(out: Path, **given: Any) -> None:
     from ..raster.simulated import check_free, write_scene
     from ..raster.targets import make_directory
     from ..simulate import simulate as make
-    from .console import Console
+    from .running import Console
 
     written = []
     setups = _setups(out, given)

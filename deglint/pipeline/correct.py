@@ -25,15 +25,14 @@ from ..tiles import Tile
 from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
-from .overview import block_of, on_threads, raster_of, tile_shape_of
-from .sample import Mask, Training, sample_of
+from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
+from .sample import Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
 STRIP = 4 << 20  # most values in a tile of several cells, for files stored in strips: few strips are then read twice
-TILES = 8
-"""Number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more."""
+TILES = 8  # number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more
 TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 
@@ -83,20 +82,13 @@ class Correction:
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
     water: WaterRule | None = None  # else the rule that finds these pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
-    only: tuple[int, ...] = ()  # 0-based bands that the user has selected; empty: no selection
+    changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
     want_flags: bool = False
     want_amount: bool = False
     noise: tuple[float, ...] = ()  # of each band in `changed`, for the classes of sun glint
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # for standard errors with an opening: one for each band
     left: Posterior | None = None  # for standard errors of a removal without stages
-
-    @property
-    def changed(self) -> list[int]:
-        """0-based bands that may change: the bands of the removal, and the bands in which a chain replaces glint."""
-        if not self.chain.replaces:
-            return sorted({f.band for f in self.model.fits})
-        return sorted(self.only or range(len(self.scene.bands)))
 
     @property
     def amount_bands(self) -> list[int]:
@@ -252,9 +244,7 @@ class Correction:
     def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
         """All bands in the type of the output; negative and clipped values are added to `flags` and `tally`."""
         info, layout = raster_of(self.scene).info, self.layout
-        raw, lost = relaid(
-            np.ascontiguousarray(block.raw), block.valid, layout.info.nodatas, layout.dtype, layout.nodata
-        )
+        raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         for bands, place in block.changes:
             negative, clipped = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place, nodata=layout.nodata
@@ -293,10 +283,12 @@ def correction(
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
+    changed = {f.band for f in fitted.model.fits}
+    if fitted.chain.replaces:
+        changed = {find_band(scene, b) for b in fitted.recipe.bands} or set(range(len(scene.bands)))
     work = Correction(
         scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
-        fitted.water_bands, tuple(find_band(scene, b) for b in fitted.recipe.bands),
-        want_flags=bool(targets and targets.flags), want_amount=bool(targets and targets.amount),
+        fitted.water_bands, sorted(changed), bool(targets and targets.flags), bool(targets and targets.amount),
     )  # fmt: skip
     if work.want_flags:
         work = _with_noise(work, threads)

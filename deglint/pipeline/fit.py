@@ -20,13 +20,10 @@ from ..readers.grid import ground_size
 from ..readers.undeclared import Undeclared, settled, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
-from ..tiles import default_threads
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import overview_of, overviews, raster_of, read_tiles, role_bands
+from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, role_bands, sampler_of
 from .recipe import Recipe, make_request
-from .sample import Job, Progress
-from .sampling import Sampled, describe_sample, fit_sampled, place_of
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
@@ -67,16 +64,6 @@ class Fitted:
     choice: Choice | None = None
     undeclared: Undeclared = field(default_factory=Undeclared)
 
-    @property
-    def numbers(self) -> dict[str, Any]:
-        """The decisions as values for the sidecar."""
-        return {
-            "water": self.water.numbers() if self.water else None,
-            "sample": self.sampled,
-            "choice": self.choice.numbers() if self.choice else None,
-            "compensation": self.chain.numbers(),
-        }
-
     def __repr__(self) -> str:
         return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
 
@@ -110,12 +97,8 @@ def fit_scene(
 
     Raises
     ------
-    BandError
-        No NIR band, or a selected band does not exist.
-    NoWaterError
-        There is no water in the scene.
-    FitError
-        The sample does not allow a fit.
+    BandError, NoWaterError, FitError
+        No NIR band, or a selected band does not exist; no water in the scene; the sample does not allow a fit.
 
     Examples
     --------
@@ -126,8 +109,8 @@ def fit_scene(
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     with environment():
-        found = undeclared(scene)
-        fitted = _fit_overviews(found.on(scene), recipe, threads or default_threads(), want_sample, progress, run)
+        found, threads = undeclared(scene), threads or tiling.default_threads()
+        fitted = _fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run)
         return replace(fitted, undeclared=found)
 
 
@@ -156,8 +139,8 @@ def _fit_overviews(
             sample = "auto" if water is not None and water.has_water else "all"
         recipe = replace(recipe, sample=sample)
     found = recipe.sample == "auto"
-    if recipe.regression == "auto":
-        request = replace(request, regression="detrended" if found else "ols")
+    usual = "detrended" if found else "ols"
+    request = replace(request, regression=usual if recipe.regression == "auto" else recipe.regression)
     note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
@@ -177,7 +160,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     """Fit a recipe to one overview of a scene; `of_nir`, the note on the NIR bands, is put first in `Fitted.notes`."""
     recipe, overview = job.recipe, job.overview
     notes = [of_nir, *log_water(overview.water, recipe.mask)]
-    sampler = learning.sampler_of(job) if recipe.sample != "auto" else None
+    sampler = sampler_of(job) if recipe.sample != "auto" else None
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
         training = learning.read_training(job, sampler, learning.HALO)
@@ -191,7 +174,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     method = "wiener" if method == "auto" else method
     log.info("compensation: %s", "none" if text == "off" else text)
     chain, of_sample = Chain(), list[str]()
-    sampled: Sampled | tuple[None, None] = None, None
+    sampled: learning.Sampled | tuple[None, None] = None, None
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
@@ -200,12 +183,12 @@ def _fit(job: Job, of_nir: str) -> Fitted:
             training = learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
         chain, model = learning.fit_training(job, training, sampler, text, method)
         pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-        places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
-        sampled = describe_sample(job, model, pixels, places)
+        places = [learning.place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
+        sampled = learning.describe_sample(job, model, pixels, places)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sampled, of_sample = fit_sampled(job, sampler or learning.sampler_of(job), method)
+        model, sampled, of_sample = learning.fit_sampled(job, sampler or sampler_of(job), method)
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
@@ -260,7 +243,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         the reason in the notes.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe, threads = recipe or Recipe(), threads or default_threads()
+    recipe, threads = recipe or Recipe(), threads or tiling.default_threads()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
     out = _header(scene)

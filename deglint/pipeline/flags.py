@@ -26,12 +26,11 @@ from ..raster.convert import holds
 from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
-from .outputs import PixelCounts, log
+from .outputs import Outputs, PixelCounts, log
 from .overview import raster_of
 
 if TYPE_CHECKING:
     from .correct import Block, Correction
-    from .outputs import Outputs
 
 FLAGS = {
     1: "nodata: not valid, copied",

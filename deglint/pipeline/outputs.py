@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("deglint.pipeline")
 
-BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")
-"""Optional outputs besides the image and its sidecar."""
+BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")  # optional outputs beside image and sidecar
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 
 
@@ -175,10 +174,7 @@ def log_nir(note: str) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; returns the note on the water, or nothing if there is no `rule`.
-
-    Raises NoWaterError: the scene has no water.
-    """
+    """Log which pixels are corrected; return the note on the water, if there is a `rule`. NoWaterError: no water."""
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
@@ -225,7 +221,10 @@ def sidecar(
         "bands": [asdict(b) for b in scene.bands],
         "recipe": _resolved(fitted),
         "model": asdict(fitted.model),
-        **fitted.numbers,
+        "water": fitted.water.numbers() if fitted.water else None,
+        "sample": fitted.sampled,
+        "choice": fitted.choice.numbers() if fitted.choice else None,
+        "compensation": fitted.chain.numbers(),
         "skipped": _skipped(fitted, scene.names, tally),
         "pixels": {
             **{k: getattr(tally, k) for k in ("total", "nodata", "not_water", "corrected", "protected")},
@@ -244,12 +243,10 @@ def sidecar(
 def _resolved(fitted: Fitted) -> dict[str, Any]:
     """The recipe for the sidecar, with the regression, the use of the NIR and the bands that were really used."""
     recipe, model = asdict(fitted.recipe), fitted.model
-    recipe["regression"] = model.regression
     if recipe["nir_use"] == "auto":
         recipe["nir_use"] = "set" if len(model.indexes) > 1 else "mean"
-    recipe["nir"] = [model.band_names[b] for b in model.index_bands]
-    recipe["bands"] = [fit.name for fit in model.fits]
-    return recipe
+    nir, bands = [model.band_names[b] for b in model.index_bands], [fit.name for fit in model.fits]
+    return recipe | {"regression": model.regression, "nir": nir, "bands": bands}
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
@@ -294,18 +291,12 @@ def saved(fitted: Fitted) -> str:
 
 
 def load_model(path: str) -> GlintModel:
-    """Read the model of a removal that `--save-model` wrote.
-
-    Raises ReadError, InputError: no such file, or not a saved model.
-    """
+    """Read the model that `--save-model` wrote. Raises ReadError, InputError: no such file, or not a saved model."""
     return _load(path)[0]
 
 
 def load_chain(path: str) -> Chain:
-    """Read the compensation that was saved with a model; an empty chain if there was none.
-
-    Raises ReadError, InputError: no such file, or not a saved compensation.
-    """
+    """Read the compensation that was saved with a model, or an empty chain; raises the same errors as `load_model`."""
     return _load(path)[1]
 
 

@@ -1,24 +1,30 @@
-"""Overview of a scene: the tiles that are read first, and the rule for water that is fitted to them."""
+"""What is read of a scene for a fit: tiles that are read first, with the rule for water, and where the sample lies."""
 
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import tiles as tiling
-from ..errors import NoWaterError
-from ..masks import Roles, WaterRule, fit_water
+from ..errors import FitError, NoWaterError
+from ..masks import Roles, WaterRule, deep_water, fit_sample, fit_water
 from ..raster import RasterSource
 from ..raster.environment import enter_thread
+from ..readers.areas import open_area, window_area
 from ..readers.grid import pixel_size
 from ..readers.roles import band_roles
+from ..remove import FitRequest
 from ..remove.wiener import SAMPLE_SIDE
-from ..scene import Scene
+from ..scene import Scene, Window
 from ..tiles import Tile
+from .recipe import Recipe
 
+Mask = npt.NDArray[np.bool_]
+Progress = Callable[[str, int, int], None]
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
@@ -125,3 +131,79 @@ def block_of(scene: Scene) -> tuple[int, int]:
 def tile_shape_of(scene: Scene) -> tuple[int, int]:
     """Rows and columns of the tiles in which the scene is processed."""
     return tiling.tile_shape(scene.height, scene.width, len(scene.bands), block_of(scene))
+
+
+@dataclass(frozen=True)
+class Job:
+    """Input of a fit to one overview of a scene."""
+
+    scene: Scene
+    recipe: Recipe
+    request: FitRequest
+    overview: Overview
+    threads: int
+    note: Callable[[int, int], None] | None  # called with the number of tiles that are done, and of all
+    run: tiling.Run  # function that processes tiles
+    want_sample: bool  # return the outline of the sample
+
+    def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
+        """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
+
+        `halo`: pixels around a tile that `work` reads; `note`: called with the number of tiles done, and of all
+        """
+        at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
+        return on_threads(tiles, work, at_once, note)
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Where the sample of a scene lies."""
+
+    tiles: Sequence[Tile]  # tiles that contain the sample
+    mask: Callable[[Any, Sequence[int], Tile], Mask]  # gives its mask for (block, 0-based bands in it, tile)
+    bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
+    halo: int = 0  # pixels around a tile that `mask` needs
+    numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
+    bounds: Window | None = None  # window around a sample that the user has given
+
+    def squares(self, scene: Scene) -> Sequence[Tile]:
+        """Tiles of up to `TILE_SIDE` pixels a side that cover the sample, whatever the blocks of the file are."""
+        return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
+
+
+def sampler_of(job: Job) -> Sampler:
+    """The `Sampler` for the sample that the recipe of a job requests.
+
+    Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
+    """
+    scene, sample, overview = job.scene, job.recipe.sample, job.overview
+    if sample == "auto":
+        if overview.water is None:
+            raise FitError(
+                "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a "
+                "window, or --sample all."
+            )
+        bands = role_bands(overview.roles)
+        rule = fit_sample(read_tiles(scene, overview.tiles, bands, job.threads), overview.water)
+        numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}
+
+        def deep(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
+            return deep_water(block[[columns.index(b) for b in bands]], rule)
+
+        return Sampler(overview.tiles, deep, bands, rule.halo, numbers)
+    area = window_area(((0, scene.height), (0, scene.width)))
+    if sample != "all":
+        # the area of --mask is the sample, too, where no other is given
+        area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
+    numbers = {"crs": area.note} if area.note else {}
+    tiles = tiles_over(scene, area.bounds, tile_shape_of(scene))
+    return Sampler(tiles, lambda _block, _columns, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
+
+
+def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
+    """Tiles of this shape (rows, columns) [pixel] that intersect the window `bounds`."""
+    (top, bottom), (left, right) = bounds
+    return [
+        t for t in tiling.tiles(scene.height, scene.width, shape)
+        if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left
+    ]  # fmt: skip

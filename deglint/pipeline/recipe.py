@@ -1,7 +1,7 @@
 """Options for processing a scene, those of `deglint remove`, as one frozen value."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,7 @@ class Recipe:
         not known.
     tolerance : float
         Reading of the sample stops when the relative standard error of the slopes is at most this. 0 (off): a given
-        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sampling`.
+        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sample`.
     """
 
     method: str = "auto"
@@ -137,10 +137,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
     if correct and set(correct) <= set(nir):
         raise InputError("every band asked for is a NIR reference; name bands to correct with -b.")
     same = {"floor_percentile": recipe.floor_percentile, "rrs_factor": recipe.rrs_factor}
-    request = nir_request(scene.bands, nir, use=use, correct=correct, **same)
-    if recipe.regression != "auto":
-        request = replace(request, regression=recipe.regression)
-    return request, note
+    return nir_request(scene.bands, nir, use=use, correct=correct, **same), note
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,15 +30,13 @@ from .correct import Correction, correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
 from .outputs import Outputs, PixelCounts, Result, log_result, saved, sidecar
-from .overview import raster_of
+from .overview import raster_of, tiles_over
 from .recipe import Recipe
-from .sample import tiles_over
 
 CHAIN_COPIES = 3  # memory of a tile with a chain relative to a removal alone
 READING = ("sensor", "nodata", "grid", "bands", "wavelengths", "scale", "offset")
 """Keywords of `remove_glint` for opening the input."""
-WRITING = ("flags", "amount", "stderr", "sample", "model_file", "picture", "overwrite", "dtype", "options", "request",
-           "reads")  # fmt: skip
+WRITING = ("model_file", *(f.name for f in fields(Outputs) if f.name not in ("image", "model")))
 """Keywords of `remove_glint` for the outputs."""
 
 

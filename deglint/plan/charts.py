@@ -6,14 +6,12 @@ from itertools import groupby
 import numpy as np
 
 from . import draw
-from .advice import sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point, around, polar
 from .mission import Mission
 from .picture import Caption, conditions, layers, page, place_words, sky_disc, star
-from .reticle import Reticle
+from .reticle import Reticle, sentence
 from .swath import Line
-from .sweep import Moment, best_moment
-from .uncertainty import WindEnsemble, words
+from .sweep import Moment, WindEnsemble, best_moment
 
 WIDTH = 1240  # width of the pictures [pixel]
 _SUNNY = (150, 110, 0)  # colour of labels of the sun (red, green, blue)
@@ -179,7 +177,7 @@ def wind_picture(found: WindEnsemble) -> Image:
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)
-    what, *more = words(found)
+    what, *more = found.words()
     count = len(found.winds[0]) * len(found.winds[1])
     blows = f"Wind ± {found.speed:g} m/s and ± {found.turn:g}°: the worst of {count} winds"
     legend = ("/", ORANGE, "excluded under every wind"), (".", ORANGE, "excluded under some of these winds")

@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import InputError
-from .advice import ViewingGeometry, best_geometry, description
-from .missionfile import tables_of
-from .reticle import Reticle
+from .mission import tables_of
+from .reticle import Reticle, ViewingGeometry, best_geometry, description
 
 RADIANCE_UNIT = "W m-2 sr-1 nm-1"
 LAYERS = {  # name: unit, meaning

@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import draw
-from .advice import ViewingGeometry, best_geometry, compass, quality, sentence
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Pattern, Point, around, polar
 from .mission import Mission
-from .reticle import Reticle
+from .reticle import Reticle, ViewingGeometry, best_geometry, compass, quality, sentence
 
 WIDTH, HEIGHT = 1240, 860  # size of the picture [pixel]
 DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of the disc [pixel]
@@ -23,10 +22,7 @@ _HOW = (
 
 
 def picture(plan: Reticle, *, band: str | None = None) -> Image:
-    """Draw the plan of all bands together, or of one band (its name).
-
-    Raises BandError: there is no such band.
-    """
+    """Draw the plan of all bands together, or of one band (its name). Raises BandError: there is no such band."""
     contrast, patterns = layers(plan, band)
     geometry = best_geometry(plan, band=band)
     shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"
@@ -55,12 +51,9 @@ class Caption(NamedTuple):
 
 
 def page(
-    plan: Reticle,
-    share: npt.NDArray[Any],
-    patterns: Sequence[Pattern],
-    geometry: ViewingGeometry | None,
+    plan: Reticle, share: npt.NDArray[Any], patterns: Sequence[Pattern], geometry: ViewingGeometry | None,
     words: Caption,
-) -> Image:
+) -> Image:  # fmt: skip
     """Draw a disc of viewing geometries with its text; `geometry` is marked as the best.
 
     `share` (zenith, azimuth) gives the colour, 0 to 1.
@@ -100,15 +93,9 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
 
 
 def sky_disc(
-    canvas: Canvas,
-    centre: Point,
-    radius: int,
-    plan: Reticle,
-    share: npt.NDArray[Any],
-    patterns: Sequence[Pattern] = (),
-    *,
-    small: bool = False,
-) -> None:
+    canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: npt.NDArray[Any],
+    patterns: Sequence[Pattern] = (), *, small: bool = False,
+) -> None:  # fmt: skip
     """Draw a disc as `draw.disc` does, with rings of zenith angle, a compass rose (not if `small`), and the sun."""
     draw.disc(canvas, centre, radius, share, patterns)
     widest = plan.mission.widest

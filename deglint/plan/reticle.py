@@ -5,7 +5,8 @@ multiplied by a function of the angles, so each spectrum is averaged once for al
 BLAS, whose threads block each other for seconds on a busy machine.
 """
 
-from functools import cached_property
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,13 @@ from .mission import Mission
 from .skylight import Skylight
 
 Mask = npt.NDArray[np.bool_]
+MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
+_POINTS = (  # points of the compass, clockwise from north
+    "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
+    "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
+    "north-west", "north-north-west",
+)  # fmt: skip
+_AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must not be excluded
 
 
 class Light:
@@ -55,6 +63,8 @@ class Reticle:
     ----------
     mission, light : Mission, Light
         Parameters of the plan; irradiances and water-leaving radiances.
+    bands : tuple of str
+        Names of the bands.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
         Direction of the sensor as seen from the object [degree]; azimuths include both 0 and 360.
     glint_probability : ndarray
@@ -63,6 +73,8 @@ class Reticle:
         Glint radiance per irradiance of a plane facing the sun [1/sr].
     sky_strength : ndarray
         Reflected skylight per diffuse irradiance [1/sr].
+    glint_radiance, sky_radiance : (band, zenith, azimuth) ndarray
+        Radiance of sun glint, and of reflected skylight [W m-2 sr-1 nm-1].
     sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
@@ -73,10 +85,16 @@ class Reticle:
     clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray
         True where reflected sky is within its limit; True where the contrast over noise exceeds its limit and neither
         object nor water saturates the sensor.
+    excluded : bool ndarray
+        True where no band is usable.
+    by_band, combined : (band, zenith, azimuth) and (zenith, azimuth) ndarray
+        Contrast over noise, 0 where a mask excludes it [1] (Fink 2014, section 2.7.4); and that of all usable bands,
+        the root of the sum of squares of `by_band`.
     """
 
     def __init__(self, mission: Mission) -> None:
         self.mission, limits, wind = mission, mission.limits, mission.slope_wind
+        self.bands = tuple(b.name for b in mission.channels)
         self.zenith, self.azimuth = viewing_geometries(mission)
         self.light = light = Light(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
@@ -94,26 +112,24 @@ class Reticle:
         ratio = (limits.sky_ratio / light.diffuse)[:, None, None] * light.background
         self.sky_probability = mirrored.share_above(ratio)
         self.clear_of_sky: Mask = self.sky_probability <= limits.sky_probability
+        self.glint_radiance = np.asarray(light.normal[:, None, None] * self.glint_strength)
+        self.sky_radiance = np.asarray(light.diffuse[:, None, None] * self.sky_strength)
         rest = self.glint_radiance + self.sky_radiance
         self.weber = light.target / light.background - 1.0
         self.snr = np.abs(light.target - light.background) / _noise(mission, light.background + rest)
         brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
         below = np.maximum(light.background, light.target) + rest < brightest
         self.detectable: Mask = (self.snr > limits.snr) & below
+        usable = self.clear_of_glint & self.clear_of_sky & self.detectable
+        self.excluded: Mask = ~usable.any(axis=0)
+        self.by_band = np.asarray(self.snr * usable)
+        self.combined = np.sqrt(np.sum(np.square(self.by_band), axis=0))
 
     def __repr__(self) -> str:
         return f"Reticle({self.mission!r})"
 
-    @property
-    def bands(self) -> tuple[str, ...]:
-        """Names of the bands."""
-        return tuple(b.name for b in self.mission.channels)
-
     def index(self, band: str) -> int:
-        """Index of a band in the layers.
-
-        Raises BandError: there is no such band, or it is not selected in this mission.
-        """
+        """Index of a band in the layers. Raises BandError: no such band, or it is not selected in this mission."""
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
             raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
@@ -122,31 +138,6 @@ class Reticle:
     def nearest(self, zenith: float, azimuth: float) -> tuple[int, int]:
         """Indices (zenith, azimuth) of the viewing geometry nearest to a zenith angle and an azimuth [degree]."""
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
-
-    @property
-    def glint_radiance(self) -> Floats:
-        """Glint radiance, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
-        return np.asarray(self.light.normal[:, None, None] * self.glint_strength)
-
-    @property
-    def sky_radiance(self) -> Floats:
-        """Radiance of reflected skylight, (band, zenith, azimuth) [W m-2 sr-1 nm-1]."""
-        return np.asarray(self.light.diffuse[:, None, None] * self.sky_strength)
-
-    @cached_property
-    def by_band(self) -> Floats:
-        """Contrast over noise, 0 where a mask excludes it, (band, zenith, azimuth) [1] (Fink 2014, section 2.7.4)."""
-        return np.asarray(self.snr * (self.clear_of_glint & self.clear_of_sky & self.detectable))
-
-    @cached_property
-    def combined(self) -> Floats:
-        """Contrast over noise of all usable bands, (zenith, azimuth) [1]: root of the sum of squares of `by_band`."""
-        return np.sqrt(np.sum(np.square(self.by_band), axis=0))
-
-    @property
-    def excluded(self) -> Mask:
-        """True where no band is usable, (zenith, azimuth)."""
-        return np.asarray(~(self.clear_of_glint & (self.clear_of_sky & self.detectable).any(axis=0)))
 
     def counts(self) -> dict[str, Floats]:
         """Electrons per pixel, (band, zenith, azimuth), by name of the component of radiance (Fink 2014, eq. 2.23)."""
@@ -210,3 +201,120 @@ def _noise(mission: Mission, radiance: Floats) -> Floats:
         return np.full((len(radiance), 1, 1), mission.limits.ner)
     pairs = zip(radiance, mission.channels, strict=True)
     return np.stack([noise_equivalent_radiance(layer, mission.sensor, band) for layer, band in pairs])
+
+
+@dataclass(frozen=True)
+class ViewingGeometry:
+    """A direction from which the sensor sees the object, with the contrast and the glint there."""
+
+    zenith: float  # zenith angle of the sensor, seen from the object [degree]
+    azimuth: float  # azimuth of the sensor, seen from the object [degree]
+    contrast: float  # contrast over noise, all usable bands together [1]
+    bands: tuple[str, ...]  # usable bands, the band with the highest contrast first
+    glint: float  # glint radiance per irradiance of a plane facing the sun [1/sr]
+    glint_probability: float  # share of the sea that mirrors the sun [1]
+    margin: bool  # True if no excluded viewing geometry lies within `MARGIN`
+
+    @property
+    def heading(self) -> float:
+        """Azimuth in which the sensor looks, towards the object [degree]."""
+        return (self.azimuth + 180.0) % 360.0
+
+
+def best_geometry(
+    plan: Reticle, contrast: npt.NDArray[Any] | None = None, *, band: str | None = None
+) -> ViewingGeometry | None:
+    """The viewing geometry with the highest contrast; None if all are excluded.
+
+    Where possible, no excluded viewing geometry lies within `MARGIN` of it. `contrast` (zenith, azimuth) is contrast
+    over noise [1], 0 where excluded; by default it is the contrast of `band`, or of all bands together.
+
+    Raises BandError: there is no such band.
+    """
+    bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
+    if contrast is None:
+        contrast = plan.combined if band is None else plan.by_band[bands[0]]
+    good = contrast > 0
+    if not good.any():
+        return None
+    safe = good & good[_ring(good.shape, plan.mission.widest)].all(axis=0)
+    has_margin = bool(safe.any())
+    chosen = np.where(safe if has_margin else good, contrast, -1.0)
+    i, j = np.unravel_index(int(np.argmax(chosen)), chosen.shape)
+    usable = sorted((k for k in bands if plan.by_band[k, i, j] > 0), key=lambda k: -plan.by_band[k, i, j])
+    return ViewingGeometry(
+        zenith=float(plan.zenith[i]),
+        azimuth=float(plan.azimuth[j]) % 360.0 if i else 0.0,
+        contrast=float(contrast[i, j]),
+        bands=tuple(plan.bands[k] for k in usable),
+        glint=float(plan.glint_strength[i, j]),
+        glint_probability=float(plan.glint_probability[i, j]),
+        margin=has_margin,
+    )
+
+
+def description(geometry: ViewingGeometry | None) -> str:
+    """Text that says from where to look, and how much contrast and glint to expect there."""
+    return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
+
+
+def sentence(geometry: ViewingGeometry | None) -> str:
+    """Sentence that says from where to look; for None, that no viewing geometry is good.
+
+    >>> sentence(ViewingGeometry(24.0, 225.0, 41.2, ("BLUE", "GREEN"), 1e-4, 3.2e-7, True))
+    'Look from the south-west (azimuth 225), 24 degrees off nadir, towards 045.'
+    """
+    if geometry is None:
+        return "No viewing geometry is good: sun glint, mirrored sky, noise or saturation spoils every one."
+    if geometry.zenith < 1.0:
+        return "Look straight down."
+    where = f"{compass(geometry.azimuth)} (azimuth {geometry.azimuth:03.0f})"
+    return f"Look from the {where}, {geometry.zenith:.0f} degrees off nadir, towards {geometry.heading:03.0f}."
+
+
+def quality(geometry: ViewingGeometry) -> str:
+    """Text on the contrast and the glint of a viewing geometry, and on excluded viewing geometries near it."""
+    stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
+    edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
+    return (
+        f"{stand}Contrast {geometry.contrast:.3g} x noise in {', '.join(geometry.bands[:4])}."
+        f" Sun glint on {one_in(geometry.glint_probability)} of the sea.{edge}"
+    )
+
+
+def one_in(share: float) -> str:
+    """A small share as text: 3.1e-6 is "1 in 320 000"."""
+    if share < 1e-9:
+        return "less than 1 in a billion"
+    if share > 0.05:
+        return f"{100 * share:.0f} %"
+    return f"1 in {float(f'{1 / share:.2g}'):,.0f}".replace(",", " ")
+
+
+def compass(azimuth: float) -> str:
+    """Name of the compass point nearest to an azimuth [degree].
+
+    >>> compass(225.0)
+    'south-west'
+    """
+    return _POINTS[round(azimuth / 22.5) % 16]
+
+
+@lru_cache(maxsize=4)
+def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Points at the distance `MARGIN` around every viewing geometry: their indices of zenith angle and of azimuth.
+
+    Both arrays are (point, zenith, azimuth). `shape` is (zenith, azimuth) of the reticle, `widest` its largest zenith
+    angle [degree]. Points outside the reticle are moved to its edge.
+    """
+    zenith = np.radians(np.linspace(0.0, widest, shape[0]))[:, None]
+    azimuth = np.radians(np.linspace(0.0, 360.0, shape[1]))
+    turn = np.arange(_AROUND)[:, None, None] * (2.0 * np.pi / _AROUND)
+    away = np.radians(MARGIN)
+    cosine = np.cos(zenith) * np.cos(away) - np.sin(zenith) * np.sin(away) * np.cos(turn)
+    to = np.arccos(np.clip(cosine, -1.0, 1.0))
+    out = np.cos(away) * np.sin(zenith) + np.sin(away) * np.cos(zenith) * np.cos(turn)
+    side = np.arctan2(np.sin(turn) * np.sin(away), out)
+    i = np.clip(np.rint(np.degrees(to) / widest * (shape[0] - 1)), 0, shape[0] - 1).astype(np.int32)
+    j = np.rint(np.degrees(azimuth + side) % 360.0 / 360.0 * (shape[1] - 1)).astype(np.int32)
+    return i, np.broadcast_to(j, (_AROUND, *shape))

@@ -20,11 +20,10 @@ import numpy as np
 from ..errors import DeglintError, InputError
 from ..physics._checks import choice
 from ..physics.presets import PRESETS
-from .advice import best_geometry, description
 from .draw import png
 from .mission import Mission
 from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
-from .reticle import reticle
+from .reticle import best_geometry, description, reticle
 
 ADDRESS = "127.0.0.1"  # the loopback address
 SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
@@ -61,10 +60,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
 
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
-    """The server, bound to the loopback address and not yet serving.
-
-    Raises InputError: the port is taken.
-    """
+    """The server, bound to the loopback address and not yet serving. Raises InputError: the port is taken."""
     try:
         return _Server(mission, port)
     except OSError as error:

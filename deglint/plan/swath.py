@@ -12,13 +12,11 @@ import numpy.typing as npt
 
 from ..physics import glint, sun
 from ..physics._checks import Checked, Floats, ranged
-from .mission import SUN_LIMIT, Mission
-from .missionfile import tables_of
+from .mission import SUN_LIMIT, Mission, tables_of
 
 EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
-SPOILT = 0.5
-"""Share of the view in glint above which no heading is recommended [1]: less than half of the line is usable."""
+SPOILT = 0.5  # share of the view in glint above which no heading is recommended [1]: most of the line is not usable
 _ACROSS, _ALONG = 121, 31  # number of points across and along the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
 TIME_STEP = 30  # step between the times that are tried [minute]
@@ -63,31 +61,14 @@ class Line:
         self.across = np.linspace(-0.5, 0.5, _ACROSS) * view.across  # angles across the track, right positive [degree]
         # largest glint along the track at each angle across it, (heading, across) [1/sr]; NaN where not modelled
         self.profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
-
-    @property
-    def best(self) -> int:
-        """Index of the heading with the smallest share of the view in glint; among equal ones, the least mean glint."""
-        return int(np.lexsort((self.mean, self.fraction.round(3)))[0])
-
-    @property
-    def worst(self) -> int:
-        """Index of the heading with the largest share of the view in glint; among equal ones, the most mean glint."""
-        return int(np.lexsort((-self.mean, -self.fraction.round(3)))[0])
-
-    @property
-    def is_good(self) -> bool:
-        """Whether at most `FREE` of the view is in glint on the best heading."""
-        return bool(self.fraction[self.best] <= FREE)
-
-    @property
-    def is_any(self) -> bool:
-        """Whether any heading will do: even the worst has less than 0.05 % of the view in glint."""
-        return bool(self.fraction[self.worst] < 5e-4)
-
-    @property
-    def is_recommended(self) -> bool:
-        """Whether the best heading is usable (at most `SPOILT` in glint), but not every heading will do."""
-        return not self.is_any and bool(self.fraction[self.best] <= SPOILT)
+        # indices of the headings with the smallest and the largest share of the view in glint; where shares are equal,
+        # with the least and the most mean glint
+        share = self.fraction.round(3)
+        self.best, self.worst = int(np.lexsort((self.mean, share))[0]), int(np.lexsort((-self.mean, -share))[0])
+        least, most = float(self.fraction[self.best]), float(self.fraction[self.worst])
+        self.is_good = least <= FREE  # whether at most `FREE` of the view is in glint on the best heading
+        self.is_any = most < 5e-4  # whether any heading will do: at most 0.05 % of the view is in glint on the worst
+        self.is_recommended = not self.is_any and least <= SPOILT  # whether the best is usable, and better than others
 
     def words(self) -> str:
         """Text that recommends a heading, or says that any heading, or none, is good."""

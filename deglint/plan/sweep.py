@@ -1,20 +1,21 @@
-"""A mission over a span of time: the best time, and the viewing geometries at each time."""
+"""Plans of a mission at each time of a span, and under each wind of an interval: the best time and geometry."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..physics import sun
-from .advice import ViewingGeometry, best_geometry, compass
+from ..physics import slopes, sun
+from ..physics._checks import within
 from .dataset import excluded_share
-from .mission import SUN_LIMIT, Mission
-from .missionfile import tables_of
-from .reticle import Reticle, reticle
+from .mission import SUN_LIMIT, Mission, tables_of
+from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
 
 DAYLIGHT = 15.0  # least solar elevation with enough light under water [degree]
+SPEEDS, TURNS = 5, 7  # number of speeds and of directions in the interval of an uncertain wind, ends included
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,6 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 
     If it never is within 24 hours: the time when the sun is highest. `start` is now by default.
 
-    Examples
-    --------
     >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
     '2026-06-21T14:20:00'
     """
@@ -108,3 +107,65 @@ def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
     fixed = tables_of(mission)
     fixed.get("place", {}).pop("time", None)
     return {"mission": fixed, "best": None if best is None else rows[id(best)], "moments": list(rows.values())}
+
+
+class WindEnsemble:
+    """Glint and contrast of a mission under all winds of an interval.
+
+    The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
+    plus or minus `turn` [degree], 180 for any direction.
+
+    Raises InputError: a value is out of range.
+    """
+
+    def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
+        within("wind speed uncertainty", speed, 0.0, 20.0, "m/s", "Give plus or minus how much.")
+        within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
+        self.speed, self.turn = speed, turn
+        low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
+        speeds = np.unique([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind])
+        turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
+        self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree]
+        coarse = mission.coarse()
+        self.middle = reticle(coarse)  # reticle under the wind of the mission
+        plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*self.winds))
+        layers = zip(*((p.glint_strength, p.glint_probability, p.combined, p.excluded) for p in plans), strict=True)
+        *held, excluded = (np.array(layer) for layer in layers)
+        # lowest and highest value of layers of `Reticle` (contrast: `combined`), (2, zenith, azimuth)
+        self.glint, self.glint_probability, self.contrast = (np.stack([v.min(axis=0), v.max(axis=0)]) for v in held)
+        # the viewing geometry with the highest contrast under the worst wind; None if none is good under all winds
+        self.best = best_geometry(self.middle, self.contrast[0])
+        self.risk = excluded.mean(axis=0)  # share of the winds that exclude a viewing geometry, (zenith, azimuth) [1]
+
+    def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
+        """Lowest and highest glint [1/sr], glint probability [1] and contrast over noise [1] at a viewing geometry."""
+        i, j = self.middle.nearest(geometry.zenith, geometry.azimuth)
+        pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
+        return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
+
+    def words(self) -> list[str]:
+        """Text: the best viewing geometry, and its intervals."""
+        geometry = self.best
+        if geometry is None:
+            return ["No viewing geometry is good under all of these winds."]
+        at = self.at(geometry)
+        low, high = (one_in(share) for share in at["glint_probability"])
+        least, most = at["contrast"]
+        return [
+            sentence(geometry),
+            f"Whatever the wind: contrast {least:.3g} to {most:.3g} x noise; sun glint on {low} to {high} of the sea.",
+        ]
+
+    def numbers(self) -> dict[str, Any]:
+        """The intervals as values for JSON, with the share of winds that exclude each viewing geometry."""
+        geometry = self.best
+        return {
+            "mission": tables_of(self.middle.mission),
+            "wind_within": {"speed": self.speed, "turn": self.turn},
+            "winds": {"speed": self.winds[0], "from": self.winds[1]},
+            "best": None if geometry is None else asdict(geometry) | {"intervals": self.at(geometry)},
+            "words": " ".join(self.words()),
+            "zenith": self.middle.zenith,
+            "azimuth": self.middle.azimuth,
+            "risk": self.risk.round(3),
+        }

@@ -5,11 +5,10 @@ the same sea. `deglint.raster.simulated` writes them to files.
 """
 
 from .artefacts import Artefacts
-from .bottom import Bottom
 from .cover import FloatingTarget, whitecaps
-from .objects import SubmergedObject, square, thesis_array
 from .scene import SimulatedScene, simulate, simulate_together
 from .setup import Setup
+from .underwater import Bottom, SubmergedObject, square, thesis_array
 
 __all__ = [
     "Artefacts", "Bottom", "FloatingTarget", "Setup", "SimulatedScene", "SubmergedObject", "simulate",

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics._checks import Checked, one_of, ranged
-from .bottom import smooth_noise
 from .materials import SPECTRA
+from .underwater import smooth_noise
 
 if TYPE_CHECKING:
     from .setup import Setup

@@ -42,6 +42,7 @@ class Facets:
         about = (1 - sparkle_share(setup.patch, setup.facet)) * unresolved
         about = np.maximum(about, np.minimum(unresolved, LEAST_SLOPE**2))
         self.slope_scale = _pair(scale)  # factors on the slopes of the grid, below 1 where these are too steep
+        self.slope_variance = _pair(resolved * scale**2)  # expected variance of the resolved slopes on this grid [1]
         self.sparkle = _pair(unresolved - about)  # slope variance by which unresolved waves tilt facets as a whole
         self.unresolved = _pair(about)  # variance of the slopes within each facet
         facet = glint.facet(setup.sun_zenith, setup.sun_azimuth, setup.view_zenith, setup.view_azimuth)
@@ -50,12 +51,6 @@ class Facets:
         self.glint_factor = _glint_factor(setup, facet, self.glinting_slope)
         self._sparkle = _draw_sparkle(setup, self.sparkle, sparkle, workers)
         self._sky = _sky_table(setup, self.unresolved)
-
-    @property
-    def slope_variance(self) -> tuple[float, float]:
-        """Expected variance of the resolved slopes on this grid, upwind and crosswind [1]."""
-        up, cross = self.surface.slope_variance
-        return up * self.slope_scale[0] ** 2, cross * self.slope_scale[1] ** 2
 
     def slopes(self, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Resolved slopes towards east and towards north [1], (row, column) each, at the time of the first band."""
@@ -91,8 +86,6 @@ def sparkle_share(patch: float, facet: float) -> float:
 
     `patch` is the size of the patches of nearly uniform slope [m], `facet` the side of a facet [m].
 
-    Examples
-    --------
     >>> round(sparkle_share(0.005, 0.0625), 2)
     0.16
     """

@@ -28,8 +28,6 @@ SPECTRA = {
 def reflectance(name: str, wavelength: npt.ArrayLike) -> Floats:
     """Reflectance of a material [1] at wavelengths [nm].
 
-    Examples
-    --------
     >>> reflectance("sand", [475.0, 900.0]).round(3).tolist()
     [0.26, 0.457]
     """

@@ -7,20 +7,63 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..physics import atmosphere, water
 from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
-from ..physics.sensor import digitise
+from ..physics.iops import Iops, case1
+from ..physics.sensor import band_means, digitise
 from ..physics.surface import by_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
-from .bottom import depth_and_patches
 from .cover import Cover
 from .facets import Facets
-from .light import Light
-from .objects import label
+from .materials import reflectance
 from .setup import Setup, check_one_sea
+from .underwater import LEAST_DEPTH, MOST_DEPTH, depth_and_patches, label
 
 Numbers = npt.NDArray[np.integer[Any]]
 Progress = Callable[[int, int], object]
+DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %
+
+
+class Light:
+    """Mean light in each band of a setup: irradiances (band,) [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1].
+
+    Sun and sky: Gregg and Carder (1990). Water: case 1. Deep water and objects: models of `deglint.physics.water`.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        self._wavelength, self._mean = wavelength, mean = band_means(setup.sensor.bands)
+        direct, diffuse = atmosphere.irradiance(wavelength, setup.sun_zenith, setup.weather)
+        total, share = direct + diffuse, direct / (direct + diffuse)
+        angles, sea = (setup.sun_zenith, setup.view_zenith), case1(wavelength, setup.chlorophyll)
+        deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
+
+        def over(depth: Floats | float, albedo: Floats | float) -> Floats:
+            """Water-leaving radiance over a flat Lambertian ground of a reflectance [1] at a depth [m], (band, ...)."""
+            column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
+            seen = water.submerged_reflectance(
+                Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
+            )
+            return mean(seen * column[1])
+
+        self.direct, self.diffuse = mean(direct), mean(diffuse)  # irradiance of a level plane: by the sun, by the sky
+        self.normal = self.direct / np.cos(np.radians(setup.sun_zenith))  # irradiance by the sun of a plane facing it
+        self.water = mean(deep * total)  # water-leaving radiance of deep water, (band,)
+        objects = [over(o.depth, o.reflectance) for o in setup.objects]
+        # water-leaving radiance over each object, (object, band)
+        self.objects = np.asarray(objects).reshape(len(objects), len(self.water))
+        # depths [m], and water-leaving radiance over materials of the bottom (material, depth, band); empty without it
+        self.depths, self.bottom = np.zeros(0), np.zeros(0)
+        if setup.bottom is not None:
+            self.depths = np.geomspace(LEAST_DEPTH, MOST_DEPTH, DEPTH_STEPS)
+            grounds = [reflectance(name, wavelength)[:, None] for name in setup.bottom.materials]
+            self.bottom = np.asarray([over(self.depths, ground).T for ground in grounds])
+
+    def matt(self, materials: Sequence[str]) -> Floats:
+        """Radiance of level Lambertian surfaces, (material, band) [W m-2 sr-1 nm-1]; 0 for the name "" (water)."""
+        none = np.zeros(len(self.water))
+        rows = [self._mean(reflectance(name, self._wavelength)) if name else none for name in materials]
+        return np.asarray(rows) * (self.direct + self.diffuse) / np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,13 +219,10 @@ class _World:
             buried = np.array([0.0, *(o.depth for o in setup.objects)], np.float32)[self.labels] > self.depth
             self.labels = np.where(buried, np.uint16(0), self.labels)
         self.cover = Cover(setup) if setup.coast or setup.foam or setup.targets else None
+        # whether the water-leaving radiance is the same everywhere
+        self.is_plain = not setup.objects and self.depth is None and self.cover is None
         # radiance of each material of the cover, (material, band)
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the water-leaving radiance is the same everywhere: no objects, no bottom, no cover."""
-        return not self.setup.objects and self.depth is None and self.cover is None
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
         """Radiance of facets in a band, (row, column): of the cover where `cover` (label) is above 0, else of water."""

@@ -16,9 +16,8 @@ from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
 from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
 from .artefacts import Artefacts
-from .bottom import Bottom
 from .cover import FloatingTarget
-from .objects import SubmergedObject
+from .underwater import Bottom, SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
@@ -27,8 +26,7 @@ LEAST_ENERGY = 0.3
 """Least share of their energy that short waves keep; if slopes are then still too steep, `Facets` scales them."""
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped to it."""
-EDGE_MARGIN = 16
-"""Columns added to an image with a coast or a bottom [pixel]: the grid is periodic, and blur crosses its edges."""
+EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
 DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]
@@ -223,8 +221,6 @@ def experiments(
     All other parameters are those of `base`. The name holds wind [m/s], delay [ms], viewing geometry [degree] and
     f-number. Setups that differ only in delay or f-number have the same seed, and so the same sea.
 
-    Examples
-    --------
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']
     """

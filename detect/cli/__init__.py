@@ -17,9 +17,7 @@ COMMANDS = {
 }
 
 
-@click.group(
-    cls=running.Commands, home=__name__, lines=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]}
-)
+@click.group("rxdetect", cls=running.Commands, home=__name__, lines=COMMANDS)
 @click.version_option(__version__, "--version", prog_name="rxdetect")
 def cli() -> None:
     """Find anomalies in an image, and measure how well they are found.
@@ -48,10 +46,4 @@ def main() -> NoReturn:
     sys.exit(run(sys.argv[1:]))
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command and return its exit code; an error is written as one line to stderr."""
-    return running.run(cli, "rxdetect", arguments)
-
-
-rio = running.plugin(cli, "rxdetect")
-"""`rio rxdetect`: the same command as a plugin of rasterio's program."""
+run = cli.run  # function that runs the command with its arguments, and returns its exit code

@@ -8,26 +8,28 @@ from typing import Any
 
 import click
 
-from deglint.cli.console import Console
-from deglint.cli.grouped import Judging
-from deglint.cli.options import FILE, names
+from deglint.cli.options import FILE, Grouped, heading, names
+from deglint.cli.running import Console
 
 from . import command_line
 
 log = logging.getLogger(__name__)
 
 
-@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("out", default="benchmark.html", type=FILE, metavar="[OUT.html]")
+@heading("What to do")
 @click.option("--quick", is_flag=True, help="One wind and small scenes: seconds, not minutes.")
 @click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
               help="These methods, or 'default' (deglint remove without options). [default: all]")  # fmt: skip
 @click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
               help="Scenes of each condition. [default: 5; with --quick 2]")  # fmt: skip
+@heading("Output")
 @click.option(
     "--json", "json_file", type=FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]"
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@heading("Messages")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def bench(out: str, **given: Any) -> None:

@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
-from deglint.cli.console import Console
-from deglint.cli.grouped import Judging
-from deglint.cli.options import FILE
+from deglint.cli.options import FILE, Grouped, heading
+from deglint.cli.running import Console
 
 from . import command_line
 
@@ -19,10 +18,10 @@ log = logging.getLogger(__name__)
 
 
 # fmt: off
-@click.command(cls=Judging, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("scores", nargs=-1, required=True, type=FILE, metavar="SCORES [SCORES ...]")
 @click.argument("truth", type=FILE, metavar="TRUTH")
-@click.option("--report", type=FILE, metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
+@heading("What to do")
 @click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
 @click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
 @click.option("--mask", type=FILE, metavar="FILE|WINDOW",
@@ -35,8 +34,11 @@ log = logging.getLogger(__name__)
               help="Side of those blocks. [default: 1/24 of the scene, at least 16]")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Seed of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
-@click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
+@heading("Output")
+@click.option("--report", type=FILE, metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@heading("Messages")
+@click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:

@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from deglint.cli import options
-from deglint.cli.console import Console
-from deglint.cli.grouped import SETTINGS, Grouped
+from deglint.cli.running import Console
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
@@ -23,9 +22,10 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 
 
 # fmt: off
-@click.command(cls=Grouped, context_settings=SETTINGS)
+@click.command(cls=options.Grouped, context_settings=options.SETTINGS)
 @click.argument("inputs", nargs=-1, type=options.FILE, metavar="IN [IN ...]")
 @click.argument("output", type=options.FILE, metavar="OUT")
+@options.heading("What to do")
 @click.option("--method", type=options.AutoOr("METHODS", "detect.rx"), default="auto",
               help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
               "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
@@ -49,8 +49,6 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--background", type=options.FILE, default="", metavar="FILE|WINDOW", show_default="every valid pixel",
               help="What pixels are compared with: polygons (GeoJSON), a mask raster (not 0), a window "
               "column,row,width,height, or a saved background.")
-@click.option("--save-background", type=options.FILE, metavar="FILE.json",
-              help="Write the fitted background, to use on another scene.")
 @click.option("-b", "--band", "bands", multiple=True, callback=options.names, metavar="BAND[,BAND]",
               show_default="the visible ones for sea, else all",
               help="Bands to use, by name or number (from 1).")
@@ -72,28 +70,31 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--side", type=options.AutoOr("SIDES", "detect.sea"), default="auto",
               help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
-@click.option("--objects", type=options.FILE, metavar="FILE.geojson|.gpkg",
-              help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
-              "QGIS style.")
 @click.option("--moving", is_flag=True,
               help="Give objects a speed and a heading; needs three bands or more at known, different times.")
-@click.option("--chips", type=options.FILE, metavar="FOLDER",
-              help="Write a picture of every object: raw, clean, score.")
 @click.option("--min-size", type=click.IntRange(1), default=1, metavar="PIXELS", help="Drop smaller objects.")
 @click.option("--merge-distance", type=click.FloatRange(0), default=0.0, metavar="PIXELS",
               help="Parts that are at most so far apart are one object.")
+@options.reading
+@options.heading("Output")
+@click.option("--save-background", type=options.FILE, metavar="FILE.json",
+              help="Write the fitted background, to use on another scene.")
+@click.option("--objects", type=options.FILE, metavar="FILE.geojson|.gpkg",
+              help="Write outlines, places (WGS 84), sizes and scores of what exceeds the threshold; a .gpkg gets a "
+              "QGIS style.")
+@click.option("--chips", type=options.FILE, metavar="FOLDER",
+              help="Write a picture of every object: raw, clean, score.")
 @click.option("--p-value", type=options.FILE, metavar="FILE",
               help="Write the probability of such a score over a normal background.")
 @click.option("--flags", type=options.FILE, metavar="FILE",
               help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
               "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "
               "may float, 128 attached to land.")
-@click.option("--co", "options", multiple=True, callback=options.creation_options, metavar="NAME=VALUE",
-              help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.")
+@options.creation
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
-@options.on_cluster
-@options.common
+@options.processing
+@options.print_sidecar
+@options.messages
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
