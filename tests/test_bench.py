@@ -12,10 +12,12 @@ from benchmarks import compare
 from deglint.physics.presets import preset
 from deglint.physics.sensor import noise_equivalent_radiance
 from deglint.remove import METHODS
-from detect.bench import measure, report, run, scenes
-from detect.bench.numbers import Number, as_json, over_seeds, timed
+from detect.bench import report, run, scenes
+from detect.bench.numbers import Number, as_json, over_seeds, rms_error, timed
 from detect.bench.run import DEFAULT, RAW
 from detect.report import plots
+from detect.roc import Roc
+from detect.rx import rx
 
 SMALL = 64
 NAN = math.nan
@@ -44,7 +46,7 @@ def test_error_is_that_of_a_loop_over_pixels():
         for band in range(5):  # COASTAL to RED
             away = [image[band, r, c] - truth[band, r, c] for r in range(6) for c in range(8)[columns]]
             squares.append(sum(a * a for a in away) / len(away) / np.median(truth[band]) ** 2)
-        assert measure.rms_error(image, truth, columns) == pytest.approx(100 * math.sqrt(sum(squares) / 5), rel=1e-12)
+        assert rms_error(image, truth, columns) == pytest.approx(100 * math.sqrt(sum(squares) / 5), rel=1e-12)
 
 
 def test_distances_and_areas_are_those_of_brute_force():
@@ -53,13 +55,14 @@ def test_distances_and_areas_are_those_of_brute_force():
     kinds = generator.integers(-1, 3, (9, 11))
     sample = np.zeros((9, 11), bool)
     sample[:, :6] = True
-    scores = measure.rx_scores(image, sample)
+    scores = rx(image, sample)
     inside = image[:, sample]
     inverse = np.linalg.inv(np.cov(inside))
     for row, column in ((0, 0), (4, 7), (8, 10)):
         away = image[:, row, column] - inside.mean(axis=1)
         assert scores[row, column] == pytest.approx(away @ inverse @ away, rel=1e-9)
-    for number, found in zip((1, 2), measure.curves(scores, kinds, (1, 2)), strict=True):
+    for number in (1, 2):
+        found = Roc.of(scores, kinds == number, (kinds == 0) | (kinds == number))
         pairs = [(x > y) + (x == y) / 2 for x in scores[kinds == number] for y in scores[kinds == 0]]
         assert found.auc == pytest.approx(np.mean(pairs), rel=1e-12)
 
@@ -86,7 +89,7 @@ def test_scenes_hold_what_they_should(tmp_path):
             noise = noise_equivalent_radiance(truth, sensors[0], band)
             squares.append((noise**2).mean() / np.median(truth) ** 2)
         # 5 x 4096 pixels: a standard deviation is known to 0.5 %
-        found = measure.rms_error(scene.noisy, scene.truth)
+        found = rms_error(scene.noisy, scene.truth)
         assert found == pytest.approx(100 * math.sqrt(np.mean(squares)), rel=0.02)
 
 

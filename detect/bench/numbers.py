@@ -6,6 +6,12 @@ from dataclasses import asdict, dataclass
 from statistics import mean, median, stdev
 from typing import Any, Literal
 
+import numpy as np
+
+from ..arrays import Array
+
+VISIBLE_BANDS = 5  # COASTAL to RED: the bands whose error counts
+
 Better = Literal["lower", "higher"]
 
 
@@ -23,6 +29,25 @@ class Number:
     def __str__(self) -> str:
         spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
         return short(self.value) + spread
+
+
+def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:
+    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level.
+
+    `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands count. The error is
+    computed in `columns`, the water level, median(truth), from all columns.
+
+    Examples
+    --------
+    >>> level = np.full((5, 4, 4), 2.0)
+    >>> rms_error(1.1 * level, level).__round__(6)
+    10.0
+    """
+    truth = np.asarray(truth, np.float64)[:VISIBLE_BANDS]
+    away = (np.asarray(image, np.float64)[:VISIBLE_BANDS] - truth)[:, :, columns]
+    level = np.median(truth, axis=(1, 2))
+    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
+    return float(100 * np.sqrt((each**2).mean()))
 
 
 def short(value: float) -> str:

@@ -16,9 +16,10 @@ from deglint.errors import DeglintError
 from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
-from ..roc import object_curve
-from .measure import VISIBLE_BANDS, Float64, curves, rms_error, rx_scores
-from .numbers import Number, over_seeds, timed
+from ..arrays import Float64
+from ..roc import Roc, object_curve
+from ..rx import rx
+from .numbers import VISIBLE_BANDS, Number, over_seeds, rms_error, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
@@ -173,14 +174,15 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
     """Error, ROC curves and objects found of one image."""
-    scores, kinds = rx_scores(image[:VISIBLE_BANDS], scene.sample), scene.kinds
-    rocs = curves(scores, kinds, range(1, len(REFLECTANCES) + 1))
-    found, drawn = [], []
-    for kind, roc in enumerate(rocs, start=1):
-        own = np.where(kinds == kind, scene.made.objects, 0)
-        counted = object_curve(scores, own, roc, (kinds == 0) | (kinds == kind), pfa_max=PFA)
+    scores, kinds = rx(np.asarray(image[:VISIBLE_BANDS], np.float64), scene.sample, threads=1), scene.kinds
+    auc, found, drawn = [], [], []
+    for kind in range(1, len(REFLECTANCES) + 1):
+        own, valid = np.where(kinds == kind, scene.made.objects, 0), (kinds == 0) | (kinds == kind)
+        roc = Roc.of(scores, own, valid)
+        counted = object_curve(scores, own, roc, valid, pfa_max=PFA)
+        auc.append(roc.auc)
         found.append(np.mean([o.pfa <= PFA for o in counted.objects]) if counted.objects else math.nan)
         pfa, pd = roc.vertices
         drawn.append(pd[np.searchsorted(pfa, GRID * (1 + 1e-12), side="right") - 1])
     whole, deep = rms_error(image, scene.truth), rms_error(image, scene.truth, scene.deep)
-    return Quality(whole, deep, np.array([roc.auc for roc in rocs]), np.array(found), np.stack(drawn))
+    return Quality(whole, deep, np.array(auc), np.array(found), np.stack(drawn))

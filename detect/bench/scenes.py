@@ -11,13 +11,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import Scene, open_scene
 from deglint.physics.sensor import Sensor
 from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, square
 
-from .measure import Float64, Mask
+from ..arrays import Array, Float64, Int64, Mask
 
 SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
@@ -44,7 +43,7 @@ class TrueScene:
     made: SimulatedScene
     file: Path
 
-    def _radiance(self, counts: npt.NDArray[np.integer]) -> Float64:
+    def _radiance(self, counts: Array) -> Float64:
         """Radiance [W m-2 sr-1 nm-1] of the numbers in the file, (band, row, column)."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
@@ -82,7 +81,7 @@ class TrueScene:
         return mask
 
     @cached_property
-    def kinds(self) -> npt.NDArray[np.int64]:
+    def kinds(self) -> Int64:
         """Kind of each pixel: 0 background, 1 + index in `REFLECTANCES` for objects, -1 for the blurred edge."""
         import cv2
 
