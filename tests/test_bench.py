@@ -4,6 +4,7 @@ import json
 import math
 import re
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from deglint.remove import METHODS
 from detect.bench import report, run, scenes
 from detect.bench.numbers import Number, as_json, over_seeds, rms_error, timed
 from detect.bench.run import DEFAULT, RAW
-from detect.report import plots
+from detect.report.page import as_uri, check_installed
 from detect.roc import Roc
 from detect.rx import rx
 
@@ -137,7 +138,7 @@ def test_figures_hold_every_removal(results):
         figure = draw(results)
         labels = {text.get_text() for text in figure.legends[0].get_texts()}
         assert labels >= {"hedley"}
-        assert plots.as_uri(figure) == plots.as_uri(draw(results))
+        assert as_uri(figure) == as_uri(draw(results))
 
 
 def test_names_that_escape_html(results):
@@ -172,8 +173,8 @@ def test_outputs_are_not_replaced_and_nothing_is_measured_in_vain(rxdetect, tmp_
 
 
 def test_a_package_that_is_missing_is_named_with_its_remedy(rxdetect, monkeypatch):
-    find = plots.find_spec
-    monkeypatch.setattr(plots, "find_spec", lambda name: None if name == "jinja2" else find(name))
+    known = check_installed.__globals__
+    monkeypatch.setitem(known, "find_spec", lambda name: None if name == "jinja2" else find_spec(name))
     ran = rxdetect("bench")
     assert ran.code == 1
     assert re.search(r"needs jinja2: pip install 'deglint\[reports\]'", ran.err)

@@ -45,7 +45,7 @@ def bench(out: str, **given: Any) -> None:
     from ..bench.machine import load_now, provenance
     from ..bench.numbers import as_json
     from ..bench.run import Effort, measure, removals
-    from ..report.plots import check_installed
+    from ..report.page import check_installed
 
     check_installed("rxdetect bench")
     targets = Path(out), Path(given["json_file"] or f"{out}.json")

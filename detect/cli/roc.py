@@ -55,8 +55,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     from deglint.raster.targets import check_ending, check_targets
 
     from ..report import Request, evaluate, page
-    from ..report.page import provenance, table
-    from ..report.plots import check_installed
+    from ..report.page import check_installed, provenance, table
 
     if given["report"]:
         check_installed("--report")
