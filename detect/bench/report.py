@@ -22,12 +22,10 @@ _ERROR = "RMS error [% of the water level]"
 
 def page(results: Results, made: Mapping[str, Any]) -> str:
     """The whole page (HTML); `made` comes from `machine.provenance`."""
-    drawn = [
-        ("Error against wind", against_wind(results)) if len(results.effort.winds) > 1 else None,
-        ("Run time against error", time_against_error(results)),
-        ("ROC curves of submerged objects", roc_curves(results)),
-    ]
-    plots = [(title, as_uri(figure)) for title, figure in filter(None, drawn)]
+    drawn = {"Run time against error": time_against_error, "ROC curves of submerged objects": roc_curves}
+    if len(results.effort.winds) > 1:
+        drawn = {"Error against wind": against_wind} | drawn
+    plots = {title: as_uri(draw(results)) for title, draw in drawn.items()}
     return render("detect.bench", made=made, plots=plots, tables=tables(results), refused=results.refused)
 
 

@@ -21,6 +21,7 @@ from deglint.errors import InputError
 from deglint.pipeline.outputs import versions
 
 from ..arrays import Array, Mask
+from ..roc.per_object import ObjectScore
 from .evaluate import Evaluation, Judged, Request
 
 if TYPE_CHECKING:
@@ -42,19 +43,10 @@ def render(package: str, **values: Any) -> str:
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
     """The complete page (HTML); `made` comes from `provenance`."""
-    bands, objects = found.detectors[0].bands, found.detectors[0].objects
-    drawn = {"roc": as_uri(roc_curves(found)), "precision": as_uri(precision_curves(found))}
-    if objects is not None:
-        drawn["objects"] = as_uri(object_curves(found))
-    places = [
-        (d.name, as_uri(scene(d, found), "png"),
-         as_uri(chips(d, found), "png") if d.worst else "", f"{d.worst_at.pfa:.3g}")
-        for d in found.detectors
-    ]  # fmt: skip
     return render(
-        "detect.report", found=found, numbers=found.numbers, made=made, lead=lead(found.numbers), plots=drawn,
-        interval=interval, level=f"{bands.level:.0%}" if bands else "", places=places,
-        objects=None if objects is None else _objects(found),
+        "detect.report", found=found, numbers=found.numbers, made=made, lead=lead(found.numbers), interval=interval,
+        objects=_objects(found), as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
+        object_curves=object_curves, scene=scene, chips=chips,
     )  # fmt: skip
 
 
@@ -78,17 +70,11 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
     }
 
 
-def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
-    """Column heads and rows of the table of objects: the smallest Pfa at which each detector finds each object."""
-    sign = found.request.sign
+def _objects(found: Evaluation) -> list[list[ObjectScore]]:
+    """The score of every object for each detector; objects that a detector finds at the smallest Pfa come first."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
-    order = sorted(scored[0].values(), key=lambda o: (min(s[o.number].pfa for s in scored), o.number))
-    rows = []
-    for o in order[:_MOST_ROWS]:
-        (row0, row1), (col0, col1) = o.bounds
-        rows.append([str(o.number), str(o.size), f"{(col0 + col1 - 1) / 2:g}, {(row0 + row1 - 1) / 2:g}",
-                     *(f"{s[o.number].pfa:.3g} ({sign * s[o.number].score_max:.5g})" for s in scored)])  # fmt: skip
-    return ["object", "pixels", "column, row", *(d.name for d in found.detectors)], rows
+    rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
+    return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
 
 
 def lead(numbers: dict[str, Any]) -> str:
