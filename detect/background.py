@@ -69,17 +69,8 @@ class Background:
 
     def numbers(self) -> dict[str, Any]:
         """All fields and the rank as plain values for JSON."""
-        return {
-            "background": 1,
-            "names": list(self.names),
-            "rule": self.rule,
-            "shrinkage": self.shrinkage,
-            "n": self.n,
-            "rank": self.rank,
-            "mean": self.mean.tolist(),
-            "rest": self.rest.tolist(),
-            "covariance": self.covariance.tolist(),
-        }
+        shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
+        return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}
 
     def to_json(self) -> str:
         """Text from which `from_json` restores the background to the bit."""
@@ -149,29 +140,14 @@ def fit(
     image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
     names: Sequence[str] = (), threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit a background to an array, (band, row, column).
+    """Fit a background to an array, (band, row, column), of any real type.
 
-    Parameters
-    ----------
-    image : (band, row, column) ndarray
-        Any real type; pixels with NaN or infinity in any band are excluded.
-    mask : (row, column) bool ndarray, optional
-        True where a pixel belongs to the background; by default all valid pixels belong to it.
-    covariance : str
-        Estimator of the covariance, one of `COVARIANCES`.
-    ridge : float
-        For "ridge": this share of each band's variance is added to it.
-    names : sequence of str
-        Names of the bands, to store in the background.
-    threads : int, optional
-        Number of threads, by default all processors. The result does not depend on it.
-
-    Raises
-    ------
-    FitError
-        Fewer than two pixels are valid, or the squares of the values exceed double precision.
-    InputError
-        The covariance or the ridge is not allowed, or the shapes of image and mask differ.
+    The mask, (row, column), is True where a pixel belongs to the background; by default all pixels belong to it. Pixels
+    with NaN or infinity in any band are excluded. `covariance` is one of `COVARIANCES`; "ridge" adds the share `ridge`
+    of each band's variance to it. `names`, of the bands, are stored in the background. The result does not depend on
+    the number of threads, by default all processors. Raises FitError: fewer than two pixels are valid, or the squares
+    of the values exceed double precision. Raises InputError: the covariance or the ridge is not allowed, or the shapes
+    of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

@@ -190,6 +190,8 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
+    from rasterio.features import bounds
+
     place = scratch.add(path)
     place.unlink(missing_ok=True)
     sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
@@ -200,8 +202,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     srs = 4326 if geographic else -1
     drawn = [feature["geometry"] for feature in document["features"]]
     shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
-    corners = [np.array([point[:2] for polygon in polygons for point in polygon[0]]) for polygons in shapes]
-    boxes = [(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()) for places in corners]
+    boxes = [bounds(geometry) for geometry in drawn]
     whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
     with sqlite3.connect(place) as db:
         db.executescript(sql)

@@ -127,29 +127,24 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         nir = tuple(bands.index(b) for b in found)
     if sea_mask is not None:
         notes.append(sea_mask[0].reason)
-    shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
+    size = (scene.height, scene.width)
+    shape, own = tiling.tile_shape(*size, len(bands), block_of(scene)), dict[str, Any]()
     if recipe.method == "local":
         rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
-        while scene.height * scene.width < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
+        while math.prod(size) < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
             rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
         shape = rows * CELL, columns * CELL
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
+        side = math.sqrt(ground_area(scene.transform, scene.crs, *size) or UNKNOWN_PIXEL**2)
+        own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
-    everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, sea_mask, area, given, tuple(notes))
-    if recipe.method == "local":
-        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        window = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
-        return replace(plan, window=window)
-    if recipe.method == "sea":
-        pixel = math.sqrt(plan.pixel_area) if plan.pixel_area else UNKNOWN_PIXEL
-        low, high = _NIR
-        glint = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
-        return replace(plan, sea=SeaRule(pixel, *recipe.largest_object), glint=glint)
-    return plan
+    return Plan(scene, recipe, bands, nir, tiling.tiles(*size, shape), shape, at_once, mask, sea_mask, area, given,
+                tuple(notes), **own)  # fmt: skip
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
@@ -186,15 +181,19 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default."""
+    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default.
+
+    The default for "sea" is the visible bands, if at least two are known; else it is all bands.
+    """
+    bands = tuple(range(len(scene.bands)))
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
         bands = tuple(scene.index(name) for name in given.names)
     elif recipe.method == "sea":
-        bands = visible_bands(scene)
-    else:
-        bands = tuple(range(len(scene.bands)))
+        roles = band_roles(scene)
+        colours = tuple(sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None}))
+        bands = next((b for b in (_between(scene, *_VISIBLE_RANGE), colours) if len(b) > 1), bands)
     if given is not None and len(bands) != given.bands:
         raise BandError(
             f"the saved background has {given.bands} bands, the scene is to be used with {len(bands)}. "
@@ -232,14 +231,9 @@ def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     return "rx", ""
 
 
-def visible_bands(scene: Scene) -> tuple[int, ...]:
-    """0-based visible bands of a scene; all bands if fewer than two are known as visible."""
-    low, high = _VISIBLE_RANGE
-    found = [i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high]
-    if len(found) < 2:
-        roles = band_roles(scene)
-        found = sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None})
-    return tuple(found) if len(found) > 1 else tuple(range(len(scene.bands)))
+def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
+    """0-based bands whose wavelength is known and lies between two wavelengths [nm]."""
+    return tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:

@@ -172,9 +172,9 @@ def _run(
         threshold, found = None, None
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
-                marker = Marker(plan, targets, scores, tail, beside)
+                marker = Marker(plan, scores, tail, beside)
                 threshold = marker.threshold()
-                found = marker.write(threshold, scratch)
+                found = marker.write(threshold, targets, scratch)
             log.info("%s", threshold)
         if targets.background and plan.background:
             write_text(scratch, targets.background, replace(plan.background, names=plan.names).to_json() + "\n")
