@@ -22,11 +22,9 @@ from deglint.tiles import default_threads
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
 
-COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
-"""Estimators of the covariance: see `detect.covariance`."""
+COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
-ROBUST_SAMPLE = 1 << 17
-"""Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
+ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
 
 
 @dataclass(frozen=True, eq=False)

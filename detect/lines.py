@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from .arrays import Float32, Float64
+from .arrays import Float32
 from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
@@ -21,8 +21,7 @@ _FIRST = 4  # minimum number of pixels per band in the statistics, before a line
 _OUT = 5.0
 """Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics. With 4
 bands, a fraction of 5e-4 of normal pixels is excluded."""
-_LINE_RIDGE = 1e-6
-"""Fraction of each band's variance that is added to it, so that the covariance of collinear bands can be inverted."""
+_LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 
 class LineScorer:
@@ -84,22 +83,17 @@ class LineScorer:
             inside = found <= _OUT * len(values)
             if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed
                 taken = taken[:, inside]
-        if taken.size:
-            self._learn(taken)
+        if count := taken.shape[1]:
+            centre = taken.mean(axis=1)
+            away = taken - centre[:, None]
+            second = away @ away.T / count
+            self._weight *= self._keep
+            share = count / (self._weight + count)
+            step = centre - self._mean
+            self._mean = self._mean + share * step
+            self._second = (1 - share) * (self._second + share * np.outer(step, step)) + share * second
+            self._weight += count
         return out
-
-    def _learn(self, taken: Float64) -> None:
-        """Add pixels of a line, (band, pixel), to the averages."""
-        count = taken.shape[1]
-        centre = taken.mean(axis=1)
-        away = taken - centre[:, None]
-        second = away @ away.T / count
-        self._weight *= self._keep
-        share = count / (self._weight + count)
-        step = centre - self._mean
-        self._mean = self._mean + share * step
-        self._second = (1 - share) * (self._second + share * np.outer(step, step)) + share * second
-        self._weight += count
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:

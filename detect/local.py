@@ -28,8 +28,7 @@ from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
 from .background import as_image, as_mask, check_rule
 from .covariance import TOLERANCE
 
-CELL = 256
-"""Side of the cells that are computed at a time [pixel]. Tiles that start at multiples of it have identical scores."""
+CELL = 256  # side of the cells computed at a time [pixel]; tiles that start at multiples of it have identical scores
 BORDERS = ("shrink", "mirror", "shift")
 """Rules for a window at the edge of the image: ignore the part outside, mirror the image, or move the window inside."""
 SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
@@ -39,8 +38,7 @@ STATES = {
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """Values of `flags` in `local_rx` and their meanings; 0 where there is nothing to note."""
-_DIRECT = 255
-"""State (`ASIDE` of `_local_kernel`) of pixels to compute one by one: many bands, imprecise sums, or a moved window."""
+_DIRECT = 255  # state (`ASIDE` of `_local_kernel`) of pixels computed one by one: sums are slow or imprecise
 
 
 @dataclass(frozen=True)

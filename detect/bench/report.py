@@ -21,7 +21,7 @@ _ERROR = "RMS error [% of the water level]"
 
 
 def page(results: Results, made: Mapping[str, Any]) -> str:
-    """The whole page (HTML); `made` comes from `machine.provenance`."""
+    """The whole page (HTML); `made` comes from `numbers.provenance`."""
     drawn = {"Run time against error": time_against_error, "ROC curves of submerged objects": roc_curves}
     if len(results.effort.winds) > 1:
         drawn = {"Error against wind": against_wind} | drawn
@@ -31,8 +31,7 @@ def page(results: Results, made: Mapping[str, Any]) -> str:
 
 def _axes(panels: int, label: str) -> tuple[Figure, list[Any]]:
     """A figure with panels side by side; `label` is the label of their common y axis."""
-    figure = new_figure(_WIDTH, _HEIGHT)
-    axes = list(figure.subplots(1, panels, sharey=True, squeeze=False)[0])
+    figure, axes = new_figure(_WIDTH, _HEIGHT, panels)
     axes[0].set_ylabel(label)
     return figure, axes
 

@@ -27,8 +27,7 @@ DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
 GRID = np.geomspace(1e-4, 1.0, 121)  # pixel false-alarm rates of the ROC curves
 PFA = 1e-3  # pixel false-alarm rate at which objects are counted
 
-Condition = tuple[float, float]
-"""Wind [m/s] and delay from band to band [s]."""
+Condition = tuple[float, float]  # wind [m/s] and delay from band to band [s]
 
 
 def removals() -> dict[str, dict[str, str]]:

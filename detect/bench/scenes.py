@@ -21,8 +21,7 @@ from ..arrays import Array, Float64, Int64, Mask
 SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
 OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
-BLURRED_EDGE = 4
-"""Width of the edge around objects [pixel] that is neither object nor background: the optics spread light there."""
+BLURRED_EDGE = 4  # width of the edge of objects that is neither object nor background [pixel]: light is spread there
 SEED = 100  # seed of the first sea
 
 

@@ -53,5 +53,4 @@ def run(arguments: list[str]) -> int:
     return running.run(cli, "rxdetect", arguments)
 
 
-rio = running.plugin(cli, "rxdetect")
-"""`rio rxdetect`: the same command as a plugin of rasterio's program."""
+rio = running.plugin(cli, "rxdetect")  # `rio rxdetect`: the same command as a plugin of rasterio's program

@@ -26,8 +26,7 @@ from .plan import Plan
 from .recipe import Outputs
 
 _EARTH = 6_371_008.8  # mean radius of the Earth [m]
-_SEARCH_MARGIN = 40
-"""Margin around an object in the search for its motion [pixel]: its contrast is relative to this water."""
+_SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
 CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
 _CHIP_MARGIN = 12  # margin around an object [pixel of the scene]

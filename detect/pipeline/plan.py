@@ -30,8 +30,7 @@ from ..sea import SeaModel, SeaRule
 from .recipe import WINDOW, Recipe
 
 Progress = Callable[[str, int, int], None]
-Water = tuple[WaterRule, tuple[int, ...]]
-"""Rule that finds the water, and 0-based bands of the scene that the rule needs."""
+Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)

@@ -44,8 +44,7 @@ from .scoring import MEANINGS, PixelCounts, Scoring
 
 log = logging.getLogger(__name__)
 
-READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
-"""Keywords of `score_file` that go to `deglint.open_scene`."""
+READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")  # keywords that go to `open_scene`
 FILES = ("p_value", "flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
 _MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
 _FEW_PIXELS = 10  # pixels per band below which the error of the estimated covariance raises the scores noticeably

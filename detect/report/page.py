@@ -148,17 +148,17 @@ def as_uri(figure: Figure, form: str = "svg") -> str:
     return f"data:image/{form.replace('svg', 'svg+xml')};base64," + b64encode(file.getvalue()).decode()
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """New figure of a width and a height [inch]; it needs no window and no global state of matplotlib."""
+def new_figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Any]]:
+    """New figure of a width and a height [inch], without a window or global state, and its panels side by side."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0]) if panels else []
 
 
 def roc_curves(found: Evaluation) -> Figure:
     """Plot Pd over Pfa of all detectors, with bootstrap intervals and operating points."""
-    figure = new_figure(9.0, 4.4)
-    ax = figure.subplots()
+    figure, (ax,) = new_figure(9.0, 4.4)
     low = 1 / max(len(d.roc.background) for d in found.detectors)
     grid = np.geomspace(low, 1, 200)
     ax.plot(grid, grid, ":", color="0.5")
@@ -179,8 +179,7 @@ def roc_curves(found: Evaluation) -> Figure:
 
 def precision_curves(found: Evaluation) -> Figure:
     """Plot precision over recall (Pd) of all detectors."""
-    figure = new_figure(5.0, 3.6)
-    ax = figure.subplots()
+    figure, (ax,) = new_figure(5.0, 3.6)
     for d in found.detectors:
         precision, recall = d.roc.precision_recall
         ax.plot(recall, precision, label=d.name)
@@ -190,8 +189,7 @@ def precision_curves(found: Evaluation) -> Figure:
 
 def object_curves(found: Evaluation) -> Figure:
     """Plot the fraction of objects found over the number of false alarms, of all detectors."""
-    figure = new_figure(5.0, 3.6)
-    ax = figure.subplots()
+    figure, (ax,) = new_figure(5.0, 3.6)
     for d in found.detectors:
         if d.objects is not None:
             # false alarms may merge as the threshold falls
@@ -219,8 +217,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape
-    figure = new_figure(7.0, min(7.0 * height / width, 14.0) + 0.3)
-    ax = figure.subplots()
+    figure, (ax,) = new_figure(7.0, min(7.0 * height / width, 14.0) + 0.3)
     seen, step = shrink(d.scores, found.inputs.valid)
     extent = (0, seen.shape[1] * step, seen.shape[0] * step, 0)
     low, high = np.nanpercentile(seen, [50, 99.9])
@@ -241,7 +238,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
 
 def chips(d: Judged, found: Evaluation) -> Figure:
     """Plot the scores around each of the worst false alarms, with the number and the maximum score as title."""
-    figure = new_figure(5.0, 1.7 * -(-len(d.worst) // 3))
+    figure, _none = new_figure(5.0, 1.7 * -(-len(d.worst) // 3), panels=0)
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):
         ax = figure.add_subplot(-(-len(d.worst) // 3), 3, number)

@@ -27,14 +27,10 @@ LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
 MOST = 128
 """Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
 tiles small."""
-_SHORTEST = 50.0
-"""Minimum length of a ship alongside [m]: five pixels of 10 m. Shorter protrusions have no measurable shape."""
-_FILL = 0.55
-"""Minimum fraction of its smallest rectangle that a ship fills. A hull fills 0.7 to 0.9, less if it has few pixels."""
-_ELONGATION = 1.8
-"""Minimum ratio of length to width of a ship. Ships have 4 to 8; the blur of a pixel lowers the ratio."""
-_ATTACHED_WITHIN = 2
-"""A part is attached to land up to this distance [pixel]: a single pixel between them is mixed, not certain water."""
+_SHORTEST = 50.0  # minimum length of a ship alongside [m]: with fewer than five pixels of 10 m, no shape is measurable
+_FILL = 0.55  # minimum fraction of its smallest rectangle that a ship fills; hulls fill 0.7 to 0.9, small ones less
+_ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to 8, the blur of a pixel lowers the ratio
+_ATTACHED_WITHIN = 2  # largest distance of an attached part from land [pixel]: a pixel between them is mixed
 _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
 second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay. For the sides, all
