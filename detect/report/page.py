@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import os
 import platform
 from base64 import b64encode
@@ -44,8 +43,8 @@ def render(package: str, **values: Any) -> str:
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
     """The complete page (HTML); `made` comes from `provenance`."""
     return render(
-        "detect.report", found=found, numbers=found.numbers, made=made, lead=lead(found.numbers), interval=interval,
-        objects=_objects(found), as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
+        "detect.report", found=found, numbers=found.numbers, made=made, objects=_objects(found), counted=counted,
+        as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
         object_curves=object_curves, scene=scene, chips=chips,
     )  # fmt: skip
 
@@ -75,20 +74,6 @@ def _objects(found: Evaluation) -> list[list[ObjectScore]]:
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
     return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
-
-
-def lead(numbers: dict[str, Any]) -> str:
-    """Summary of the detector with the largest partial AUC, in one sentence; `numbers` as in `Evaluation`."""
-    best = max(numbers["detectors"], key=lambda d: d["partial_auc"]["raw"])
-    said = f"{best['name']}: a target pixel scores higher than a background pixel with probability {best['auc']:.4f}"
-    point = min(best["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
-    if point is not None:
-        rate, share = point["pfa_designed"], point["pd"]
-        said += f"; at a false-alarm rate of {rate:g}, {share:.1%} of the target pixels are detected"
-        if "objects_found" in point:
-            alarms = counted(point["false_alarms"], "false alarm")
-            said += f", and {point['objects_found']} of {counted(point['objects'], 'object')} are found with {alarms}"
-    return f"{said}."
 
 
 def table(numbers: dict[str, Any]) -> list[str]:
@@ -122,13 +107,6 @@ def table(numbers: dict[str, Any]) -> list[str]:
 def counted(n: int, name: str) -> str:
     """Text of a number and a noun, which gets a plural s unless the number is 1."""
     return f"{n:,} {name}{'' if n == 1 else 's'}"
-
-
-def interval(low: float | None, high: float | None, form: str = ".4f") -> str:
-    """Text of a range of numbers; "not known" where an end is None or NaN."""
-    if low is None or high is None or math.isnan(low) or math.isnan(high):
-        return "not known"
-    return f"{low:{form}} to {high:{form}}"
 
 
 def check_installed(command: str) -> None:
