@@ -4,13 +4,11 @@
 `detect.rx` computes scores with it. No file is opened here.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -75,7 +73,7 @@ class Background:
         return json.dumps(self.numbers(), indent=2)
 
     @classmethod
-    def from_json(cls, text: str) -> Background:
+    def from_json(cls, text: str) -> Self:
         """Restore a background from a text. Raises InputError: the text is damaged, or does not come from `to_json`."""
         try:
             found = json.loads(text)
@@ -99,7 +97,7 @@ class Part:
     values: Array  # (bands, samples)
 
     @classmethod
-    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
+    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
         One pixel in `share` is sampled; 0: none. The mask, (row, column), is True at pixels of the background.
@@ -112,7 +110,7 @@ class Part:
         return cls(cell_moments(block, mask, origin=origin), places, block[:, rows, columns])
 
     @classmethod
-    def merge(cls, parts: Sequence[Part]) -> Part:
+    def merge(cls, parts: Sequence[Self]) -> Self:
         """Merge parts. All cells at the same height in the scene (a row of cells) become one cell.
 
         Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the

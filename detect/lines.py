@@ -52,20 +52,8 @@ class LineScorer:
     def score(self, line: npt.ArrayLike) -> Float32:
         """Squared Mahalanobis distance of every pixel of a line from the lines before; then the line is added to them.
 
-        Parameters
-        ----------
-        line : (band, column) array
-            NaN where not valid.
-
-        Returns
-        -------
-        (column,) ndarray of float32
-            NaN where not valid, and until the statistics have enough pixels.
-
-        Raises
-        ------
-        InputError
-            The line is not (band, column), or the number of bands changes.
+        The line is (band, column), NaN where not valid. The scores, (column,), are NaN where not valid, and until the
+        statistics have enough pixels. Raises InputError: the line has another shape, or another number of bands.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):

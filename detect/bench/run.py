@@ -1,13 +1,11 @@
 """Measure every removal method: error, objects found, ROC curves and processor time."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -47,7 +45,7 @@ class Effort:
     rounds: int = 5  # number of repeated timings
 
     @classmethod
-    def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
+    def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
         """Extent of a full run, or of a quick run (one wind, small scenes, few repeats).
 
         `seeds` is the number of scenes of each condition; None: 5, or 2 for a quick run.

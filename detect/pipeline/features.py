@@ -18,6 +18,7 @@ from deglint.readers.grid import at
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
+from deglint.tiles import Tile
 
 from ..moving import FASTEST, find_moving
 from ..objects import Move, Object
@@ -83,18 +84,15 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     pixel, out = math.sqrt(area), list[dict[str, Any]]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:
-        rows, columns = (
-            (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
-            for (low, high), size in zip(o.bounds, (scene.height, scene.width), strict=True)
-        )
-        row, column = o.centroid[0] - rows[0], o.centroid[1] - columns[0]
-        boats = find_moving(scene.read((rows, columns), bands=bands), times, pixel=pixel)
+        near = Tile(*o.bounds[0], *o.bounds[1]).grown(_SEARCH_MARGIN + reach, scene.height, scene.width)
+        row, column = o.centroid[0] - near.row0, o.centroid[1] - near.col0
+        boats = find_moving(scene.read(near.window, bands=bands), times, pixel=pixel)
         away = [math.hypot(boat.row - row, boat.column - column) for boat in boats]
         if not boats or min(away) > reach + math.hypot(*o.footprint.shape):
             out.append({"speed_m_s": None, "heading": None})
             continue
         best = boats[away.index(min(away))]
-        x, y = columns[0] + best.column + 0.5, rows[0] + best.row + 0.5
+        x, y = near.col0 + best.column + 0.5, near.row0 + best.row + 0.5
         angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
         start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
         out.append({"speed_m_s": best.speed, "heading": distance_and_bearing(start, end)[1]})
@@ -136,7 +134,6 @@ def write_chips(
     if targets.chips is None:
         return [None] * len(found)
     import cv2
-    from rasterio.windows import Window
 
     targets.chips.mkdir(parents=True, exist_ok=True)
     scenes = [*_raw_of(plan.scene), plan.scene]
@@ -144,8 +141,7 @@ def write_chips(
     for o in found:
         rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, plan.scene.shape[1:], strict=True))
         images = [scene.read((rows, columns), bands=_rgb(scene)) for scene in scenes]
-        window = Window(columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0])
-        images.append(np.stack([scores.read(1, window=window)] * 3))
+        images.append(np.stack([scores.read(1, window=(rows, columns))] * 3))
         panels = [stretch(image, *(level(image, percent) for percent in _STRETCH)) for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
         large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
@@ -212,10 +208,8 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
             "VALUES ('objects', 'features', 'objects', ?, ?, ?, ?, ?)", (*whole, srs),
         )  # fmt: skip
         db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
-        names = "".join(f', "{name}"' for name in columns)
-        marks = ",?" * len(columns)
         db.executemany(
-            f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
+            f"INSERT INTO objects VALUES (NULL, ?{', ?' * len(columns)})",
             [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
              for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
         )  # fmt: skip

@@ -114,7 +114,7 @@ class Plan:
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
     """Choose detector, bands, mask and tiles for a scene; fits nothing. `given` is a background fitted before."""
-    recipe, (mask, sea_mask), notes = _chosen(scene, recipe, threads)
+    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
@@ -146,25 +146,22 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
                 tuple(notes), **own)  # fmt: skip
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
-    """Replace "auto" in a recipe; return the recipe, its mask (`Plan.mask` and `Plan.water`), and reasons as notes."""
+def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:
+    """Replace "auto" in a recipe; return the recipe, `Plan.mask` and `Plan.water`, and reasons as notes."""
     if recipe.method != "auto":
-        mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
-        recipe = replace(recipe, mask=mask)
-        return recipe, _masking(scene, recipe, threads), []
+        return *_masked(scene, recipe, threads), []
     method, why = _without_sea(recipe, len(recipe.bands or scene.bands))
     if not why:
         try:
-            searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
-            return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
+            searched = replace(recipe, method="sea")
+            return *_masked(scene, searched, threads), ["auto: sea, since there is water to compare with"]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
             why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
-    recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
-    return recipe, _masking(scene, recipe, threads), [f"auto: {method}, since {why}"]
+    return *_masked(scene, replace(recipe, method=method), threads), [f"auto: {method}, since {why}"]
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -201,21 +198,23 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
     return bands
 
 
-def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, Water | None]:
-    """Area to score, or rule that finds the water to score; both None: score everywhere."""
+def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None]:
+    """The recipe without the mask "auto", and the area to score or the rule that finds the water to score."""
+    if recipe.mask == "auto":
+        recipe = replace(recipe, mask="water" if recipe.method == "sea" else "none")
     if recipe.mask == "none":
-        return None, None
+        return recipe, None, None
     if recipe.mask != "water":
-        return open_area(recipe.mask, scene, "--mask"), None
+        return recipe, open_area(recipe.mask, scene, "--mask"), None
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return None, known
+        return recipe, None, known
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    return None, (look.water, role_bands(look.roles))
+    return recipe, None, (look.water, role_bands(look.roles))
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:

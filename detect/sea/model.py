@@ -6,17 +6,12 @@ the correlation of z over the sea. The score is the Mahalanobis distance sqrt(z'
 the median and the 99.9 % quantile of its distances over water; the score is the maximum over the scales. Pixels that
 are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
 the statistics are computed again.
-
-Where the NIR is given, scores are divided by the usual score of water with the same NIR, relative to all water
-(`GlintScale`).
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -63,7 +58,7 @@ class GlintScale:
     factor: Float64  # (class,): divisor: usual score of the class / usual score of all water; does not decrease
 
     @classmethod
-    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
+    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
         """Fit the scale to blocks of a scene: NIR, (band, row, column), scores and mask of water, (row, column)."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
