@@ -65,10 +65,8 @@ def score(
 
     Parameters
     ----------
-    array, sensor, nodata, threads
-        As `deglint.xr.fit`.
-    recipe : Recipe or str
-        Options, or the name of a method; options of thresholds and objects are ignored.
+    array, recipe, sensor, nodata, threads
+        As `fit`; options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
 

@@ -33,7 +33,6 @@ from deglint.timing import Reporter
 
 from .. import sea
 from ..background import Background
-from ..lines import LineScorer
 from ..local import STATES
 from ..threshold import Tail, Threshold
 from .features import delayed_bands
@@ -198,8 +197,7 @@ def _write_tiles(
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
-    lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
+    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags))
     tally, tails = PixelCounts(), list[Tail]()
     beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
     with writing_all(scratch, _images(plan, targets)) as writers:
@@ -238,9 +236,7 @@ def _describe(
     plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
 ) -> dict[str, Any]:
     """Versions, inputs, options and results of a run as plain values for JSON."""
-    recipe = asdict(plan.recipe)
-    recipe["bands"] = list(plan.names)
-    recipe["nir"] = [plan.names[b] for b in plan.nir]
+    recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
     if plan.recipe.method == "local":
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner

@@ -70,7 +70,7 @@ class Scoring:
     keep: int = 0  # number of highest scores that a tile returns
     want_p: bool = False
     want_flags: bool = False
-    lines: LineScorer | None = None
+    lines: LineScorer = field(default_factory=LineScorer)
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count its pixels."""
@@ -88,7 +88,6 @@ class Scoring:
         elif plan.ready is not None:
             scores = score(block, plan.ready, mask)
         else:  # line by line, on one thread: the statistics depend on the order of the lines
-            assert self.lines is not None
             kept = block if mask is None else np.where(mask, block, np.nan)
             scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
