@@ -27,7 +27,7 @@ from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
 from ..sea import SeaModel, SeaRule
-from .recipe import WINDOW, Recipe
+from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
@@ -38,11 +38,8 @@ _VISIBLE_RANGE = (400.0, 700.0)
 clutter."""
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
-_OTHERS: dict[str, tuple[Any, str]] = {
-    "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
-    "background": ("", "rx"), "covariance": ("empirical", "rx"),
-}  # fmt: skip
-"""For each option that "sea" does not have: its default, and the detector that "auto" selects for other values."""
+_OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
+"""For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # minimum number of blocks for the fit; the pixels of water must fill half of so many blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
@@ -219,8 +216,8 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     """Detector to use if an option or many bands exclude "sea", and the reason; "rx" and "" if nothing excludes it."""
-    for name, (usual, method) in _OTHERS.items():
-        if getattr(recipe, name) != usual:
+    for name, method in _OTHERS.items():
+        if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
