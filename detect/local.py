@@ -159,10 +159,8 @@ def score_part(
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
     """Scores and states (`STATES`) of one cell, (row, column) each; `good` is the mask of valid pixels of the block."""
     inside = good[cell.within(held)]
-    scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
-    if not inside.any():
-        return scores, states
-    if len(block) <= SUMS_BANDS:
+    scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
+    if len(block) <= SUMS_BANDS and inside.any():
         from ._local_kernel import distances, ring_moments
 
         x = _padded(block, good, held, cell, rule)
@@ -176,8 +174,6 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
             rows, columns = (np.arange(*ends) for ends in cell.window)
             near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
             states[inside & np.logical_or.outer(*near)] = _DIRECT
-    else:
-        states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
         place = int(r) + cell.row0, int(c) + cell.col0
         scores[r, c], states[r, c] = _direct(block, good, held, place, rule)

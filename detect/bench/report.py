@@ -106,10 +106,8 @@ def named(condition: Condition) -> str:
 
 def tables(results: Results) -> list[Table]:
     """All tables of the report."""
-    found = [overview(results)]
-    if len(results.conditions) > 1:
-        found.append(by_condition(results))
-    return [*found, objects(results)]
+    several = [by_condition(results)] if len(results.conditions) > 1 else []
+    return [overview(results), *several, objects(results)]
 
 
 def overview(results: Results) -> Table:

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rasterio.features import bounds
+from rasterio.warp import transform as warp
 
 from deglint.errors import DeglintError, InputError
 from deglint.notebook import level, stretch
@@ -41,7 +43,6 @@ def to_wgs84(scene: Scene) -> Move | None:
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
-    from rasterio.warp import transform as warp
 
     def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         xs, ys = zip(*(at(transform, x, y) for x, y in points), strict=True)
@@ -185,8 +186,6 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
         return
-    from rasterio.features import bounds
-
     place = scratch.add(path)
     place.unlink(missing_ok=True)
     sql, style = (files(__package__ or "").joinpath(n).read_text("utf-8") for n in ("geopackage.sql", "objects.qml"))
@@ -195,10 +194,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     types = {int: "INTEGER", float: "REAL"}
     columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
-    drawn = [feature["geometry"] for feature in document["features"]]
-    shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
-    boxes = [bounds(geometry) for geometry in drawn]
-    whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
+    whole = bounds(document) if rows else (None,) * 4
     with sqlite3.connect(place) as db:
         db.executescript(sql)
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
@@ -210,15 +206,17 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
         db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
         db.executemany(
             f"INSERT INTO objects VALUES (NULL, ?{', ?' * len(columns)})",
-            [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
-             for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
+            [(_binary(feature["geometry"], srs), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
+             for row, feature in zip(rows, document["features"], strict=True)],
         )  # fmt: skip
     db.close()
 
 
-def _binary(polygons: list[Any], srs: int, box: tuple[float, ...]) -> bytes:
-    """Geometry of a GeoPackage: header with the envelope `box` (xmin, ymin, xmax, ymax), and multi-polygon as WKB."""
-    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
+def _binary(geometry: dict[str, Any], srs: int) -> bytes:
+    """Geometry of a GeoPackage: header with the envelope (xmin, xmax, ymin, ymax), and multi-polygon as WKB."""
+    left, low, right, high = bounds(geometry)
+    polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
+    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, left, right, low, high)
     out = [head, struct.pack("<BII", 1, 6, len(polygons))]
     for rings in polygons:
         out.append(struct.pack("<BII", 1, 3, len(rings)))
