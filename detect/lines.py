@@ -85,13 +85,9 @@ class LineScorer:
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
-    """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
+    """Yield the scores, (column,), of successive lines, (band, column) each; see `LineScorer.score`.
 
-    Parameters
-    ----------
-    lines : iterable of (band, column) array
-    memory : int
-        Time constant of the exponential averages [line].
+    `memory` is the time constant of the exponential averages [line].
     """
     scorer = LineScorer(memory)
     for line in lines:

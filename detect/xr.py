@@ -33,19 +33,9 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray. A lazy array is computed now, once and chunk by chunk.
+    """Fit the background of a DataArray; parameters and errors as `score`.
 
-    Parameters
-    ----------
-    array, sensor, nodata, threads
-        As `deglint.xr.fit`.
-    recipe : Recipe or str
-        Options, or the name of a method.
-
-    Raises
-    ------
-    InputError, BandError, FitError, NoWaterError
-        As `score`.
+    A lazy array is computed now, once and chunk by chunk.
     """
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
@@ -65,8 +55,10 @@ def score(
 
     Parameters
     ----------
-    array, recipe, sensor, nodata, threads
-        As `fit`; options of thresholds and objects are ignored.
+    array, sensor, nodata, threads
+        As `deglint.xr.fit`.
+    recipe : Recipe or str
+        Options, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
 
@@ -99,16 +91,8 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    Parameters
-    ----------
-    array, background
-        As `score`.
-    **options
-        covariance, ridge, bands, mask, ...: fields of `detect.pipeline.Recipe`.
-
-    Returns
-    -------
-    (y, x) DataArray of float32
+    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, mask, ...; other parameters, result and
+    errors as `score`.
 
     Examples
     --------

@@ -28,7 +28,6 @@ from deglint.readers.stac import files_of
 from deglint.readers.text import read_json
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
-from deglint.tiles import default_threads
 from deglint.timing import Reporter
 
 from .. import sea
@@ -135,7 +134,9 @@ def score_file(
         checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
-            return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
+            return _run(
+                scene, checksum, recipe, targets, threads or tiling.default_threads(), progress or Reporter(), cluster
+            )
 
 
 def _run(
@@ -198,20 +199,19 @@ def _write_tiles(
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
     work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags))
-    tally, tails = PixelCounts(), list[Tail]()
-    beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
+    tally, tails, beside = PixelCounts(), list[Tail](), list[dict[int, Places]]()
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
         for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(scored, what), tile.window)
             tally.add(scored.tally)
-            for which, places in scored.beside.items():
-                beside[which].append(places)
+            beside += [scored.beside] if scored.beside else []
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
-    return tally, Tail.merge(tails) if tails else None, {k: joined(v) for k, v in beside.items()}
+    attached = {which: joined([each[which] for each in beside]) for which in (sea.ALONGSIDE, sea.ATTACHED)}
+    return tally, Tail.merge(tails) if tails else None, attached
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
