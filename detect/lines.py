@@ -18,9 +18,7 @@ from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
-_OUT = 5.0
-"""Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics. With 4
-bands, a fraction of 5e-4 of normal pixels is excluded."""
+_OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
 _LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 

@@ -29,8 +29,7 @@ from .background import as_image, as_mask, check_rule
 from .covariance import TOLERANCE
 
 CELL = 256  # side of the cells computed at a time [pixel]; tiles that start at multiples of it have identical scores
-BORDERS = ("shrink", "mirror", "shift")
-"""Rules for a window at the edge of the image: ignore the part outside, mirror the image, or move the window inside."""
+BORDERS = ("shrink", "mirror", "shift")  # beyond the image: ignore it, mirror the image, or move the window inside
 SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {

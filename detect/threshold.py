@@ -22,9 +22,7 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = ("gpd", "empirical", "f", "chi2")
-"""Methods for the threshold of --pfa: a law fitted to the highest scores, their quantile, and the F and chi-squared law
-of a normal background."""
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # law fitted to the tail, quantile, and laws of a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50  # minimum number of scores that a law is fitted to
 _TAIL = 0.01  # fraction of the scores that a law is fitted to; larger for high rates and for few scores

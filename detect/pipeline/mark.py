@@ -21,8 +21,7 @@ from .plan import Plan
 from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
-Rated = tuple[Object, str, float, float]
-"""An object, its kind, the expected number of false objects per km2, and its probability of being real."""
+Rated = tuple[Object, str, float, float]  # object, kind, expected false objects per km2, probability of being real
 CANDIDATES = 0.04  # fraction of the scores that are kept for the sea, the highest: candidates have fewer pixels
 _UNKNOWN_PIERS = 3
 """Number of false objects attached to land that are possible (at 95 %) even if none is known. It is added to the rank

@@ -33,9 +33,7 @@ Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
-_VISIBLE_RANGE = (400.0, 700.0)
-"""Wavelengths of the default bands of "sea" [nm]. A removal corrects them; in the NIR, which it copies, glint is
-clutter."""
+_VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]; a removal copies NIR and its glint
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
 _OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
@@ -280,10 +278,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
 def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
     scene, blocks, nir = plan.scene, [], []
-    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
-    if len(everything) > 1:
-        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
-    held = 0
+    block_side = _SAMPLE_BLOCK if max(scene.height, scene.width) > 2 * _SAMPLE_BLOCK else 2 * _SAMPLE_BLOCK
+    everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
         count = int(np.count_nonzero(classes == sea.WATER))

@@ -9,12 +9,11 @@ import numpy as np
 from deglint.tiles import Tile
 
 from .. import sea
-from .. import threshold as cutting
 from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
-from ..threshold import Tail
+from ..threshold import Tail, fast_p_value
 from .mark import Places
 from .plan import Plan, read_sea
 
@@ -94,7 +93,7 @@ class Scoring:
         tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:
-            p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
+            p_values = fast_p_value(found, *plan.law).astype(np.float32)
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]

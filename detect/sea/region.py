@@ -24,9 +24,7 @@ NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 that a ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship
 next to land, which count as clutter."""
 LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
-MOST = 128
-"""Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
-tiles small."""
+MOST = 128  # maximum length of a hole [pixel], which limits the halo of tiles: larger ones are land or moored ships
 _SHORTEST = 50.0  # minimum length of a ship alongside [m]: with fewer than five pixels of 10 m, no shape is measurable
 _FILL = 0.55  # minimum fraction of its smallest rectangle that a ship fills; hulls fill 0.7 to 0.9, small ones less
 _ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to 8, the blur of a pixel lowers the ratio
