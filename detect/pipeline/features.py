@@ -25,8 +25,6 @@ from deglint.tiles import Tile
 from ..moving import FASTEST, find_moving
 from ..objects import Move, Object
 from ..sea.region import rectangle
-from .plan import Plan
-from .recipe import Outputs
 
 _EARTH = 6_371_008.8  # mean radius of the Earth [m]
 _SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
@@ -118,38 +116,32 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
         across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
         centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
         unit, direction = distance_and_bearing(centre, along)
-        numbers |= {"longitude": centre[0], "latitude": centre[1]}
         length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
         bearing = direction % 180 if length >= _ROUND * width else None
-        numbers |= {"length_m": length, "width_m": width}
+        numbers |= {"longitude": centre[0], "latitude": centre[1], "length_m": length, "width_m": width}
     return numbers | {"bearing": bearing}
 
 
-def write_chips(
-    plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
-) -> list[str | None]:
-    """Write a picture (PNG) of every object into the folder of `targets`; return the names, None without a folder.
+def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object], scratch: Scratch) -> list[str]:
+    """Write a picture (PNG) of every object into a folder; return the names, which contain that of the folder.
 
     Panels from the left: the scene before glint removal, if the sidecar names its file; the scene; the scores.
     """
-    if targets.chips is None:
-        return [None] * len(found)
     import cv2
 
-    targets.chips.mkdir(parents=True, exist_ok=True)
-    scenes = [*_raw_of(plan.scene), plan.scene]
-    names: list[str | None] = []
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes, names = [*_raw_of(scene), scene], list[str]()
     for o in found:
-        rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, plan.scene.shape[1:], strict=True))
-        images = [scene.read((rows, columns), bands=_rgb(scene)) for scene in scenes]
+        rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, scene.shape[1:], strict=True))
+        images = [each.read((rows, columns), bands=_rgb(each)) for each in scenes]
         images.append(np.stack([scores.read(1, window=(rows, columns))] * 3))
         panels = [stretch(image, *(level(image, percent) for percent in _STRETCH)) for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
         large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
         name = f"object_{o.label:04d}.png"
         _done, png = cv2.imencode(".png", np.hstack(large)[:, :, ::-1])
-        write_bytes(scratch, targets.chips / name, bytes(png))
-        names.append(f"{targets.chips.name}/{name}")
+        write_bytes(scratch, folder / name, bytes(png))
+        names.append(f"{folder.name}/{name}")
     return names
 
 

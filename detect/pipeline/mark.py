@@ -136,7 +136,7 @@ class Marker:
             return None
         rated = self.objects(threshold)
         found, scene = [o for o, *_ in rated], self.plan.scene
-        chips = write_chips(self.plan, targets, self.scores, found, scratch)
+        chips = write_chips(scene, targets.chips, self.scores, found, scratch) if targets.chips else [""] * len(found)
         moved = motions(scene, self.plan.pixel_area, found) if self.plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
