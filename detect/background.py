@@ -113,8 +113,7 @@ class Part:
     def merge(cls, parts: Sequence[Self]) -> Self:
         """Merge parts. All cells at the same height in the scene (a row of cells) become one cell.
 
-        Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the
-        result is the same to the bit for any tiling.
+        If rows of tiles start at multiples of `deglint.moments.CELL`, any tiling gives the same result to the bit.
         """
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
@@ -142,8 +141,7 @@ def fit(
     with NaN or infinity in any band are excluded. `covariance` is one of `COVARIANCES`; "ridge" adds the share `ridge`
     of each band's variance to it. `names`, of the bands, are stored in the background. The result does not depend on
     the number of threads, by default all processors. Raises FitError: fewer than two pixels are valid, or the squares
-    of the values exceed double precision. Raises InputError: the covariance or the ridge is not allowed, or the shapes
-    of image and mask differ.
+    of the values exceed double precision. Raises InputError: covariance or ridge is not allowed, or shapes differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

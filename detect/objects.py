@@ -86,8 +86,7 @@ def find(
 
     Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
     pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
-    `min_size` pixels are dropped. `pixel_area` is the area of a pixel [m2]. Raises InputError: the shapes differ, or an
-    option is out of range.
+    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError: shapes differ, or an option is not allowed.
 
     Examples
     --------

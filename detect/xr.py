@@ -2,8 +2,7 @@
 
     scores = detect.xr.rx(scene)  # fits the background now; a lazy array is scored when it is computed
 
-Tiles are scored by the same functions as in `rxdetect score`, so the scores are the same to the bit. No file is opened
-here.
+Tiles are scored by the functions of `rxdetect score`, so the scores are the same to the bit. No file is opened here.
 """
 
 from dataclasses import replace
@@ -91,8 +90,7 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, mask, ...; other parameters, result and
-    errors as `score`.
+    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, mask, ...; the rest is as in `score`.
 
     Examples
     --------

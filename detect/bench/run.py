@@ -46,10 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent of a full run, or of a quick run (one wind, small scenes, few repeats).
-
-        `seeds` is the number of scenes of each condition; None: 5, or 2 for a quick run.
-        """
+        """Extent of a full or a quick run; `seeds` is by default 5, or 2 for a quick run (one wind, small scenes)."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from deglint import Scene, open_scene
+from deglint.morphology import grown
 from deglint.physics.sensor import Sensor
 from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, square
 
@@ -82,11 +83,8 @@ class TrueScene:
     @cached_property
     def kinds(self) -> Int64:
         """Kind of each pixel: 0 background, 1 + index in `REFLECTANCES` for objects, -1 for the blurred edge."""
-        import cv2
-
         labels = self.made.objects.astype(np.int64)
-        around = np.ones((2 * BLURRED_EDGE + 1, 2 * BLURRED_EDGE + 1), np.uint8)
-        near = cv2.dilate((labels > 0).astype(np.uint8), around) > 0
+        near = grown(labels > 0, 2 * BLURRED_EDGE + 1)
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
 

@@ -172,8 +172,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
     """Write a FeatureCollection as GeoJSON, or with the extension .gpkg as GeoPackage with a QGIS style (.qml).
 
-    The GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude if `geographic`,
-    else (column, row).
+    The GeoPackage (OGC 12-128r19) has a layer `objects`, in longitude and latitude if `geographic`, else (column, row).
     """
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)

@@ -232,8 +232,7 @@ def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Water rule from the sidecar of `deglint remove`, and its bands; None without a valid rule for the band `nir`.
 
-    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
-    removal copies.
+    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the copied NIR.
     """
     found = band_roles(scene)
     bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))

@@ -74,9 +74,9 @@ class Scoring:
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count its pixels."""
         plan = self.plan
-        if plan.sea is not None and plan.model is not None:
-            return self._of_sea(tile, plan.sea, plan.model)
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
+        if plan.sea is not None and plan.model is not None:
+            return self._of_sea(tile, outer, plan.sea, plan.model)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         mask = plan.read_mask(outer)
         states = None
@@ -102,11 +102,9 @@ class Scoring:
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
-        """Read and score a tile of the sea, and count its pixels by class."""
-        plan = self.plan
-        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
-        block, classes, nir = read_sea(plan, rule, outer)
+    def _of_sea(self, tile: Tile, outer: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
+        """Read and score a tile of the sea, and count its pixels by class; `outer` is the tile with its halo."""
+        block, classes, nir = read_sea(self.plan, rule, outer)
         core = tile.within(outer)
         scores = sea.score(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))

@@ -112,10 +112,7 @@ class SeaModel:
 
     def numbers(self) -> dict[str, Any]:
         """Numbers of the model for the sidecar."""
-        return {
-            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": SEA_WINDOW,
-            "scales": list(self.scales), "side": self.side, "q90": self.q90,
-        }  # fmt: skip
+        return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
 def fit(

@@ -71,8 +71,7 @@ class SeaRule:
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
     """Classify pixels as NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED; all arrays are (row, column).
 
-    The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
-    neither water nor land.
+    The mask of water has holes at floating objects. Pixels that are not `valid` are neither water nor land.
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid
