@@ -87,6 +87,4 @@ def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
 
     `memory` is the time constant of the exponential averages [line].
     """
-    scorer = LineScorer(memory)
-    for line in lines:
-        yield scorer.score(line)
+    yield from map(LineScorer(memory).score, lines)

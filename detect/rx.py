@@ -208,7 +208,6 @@ def rx(
 
     Examples
     --------
-    >>> import numpy as np
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
     >>> image[:, 20, 30] += 10
     >>> scores = rx(image)

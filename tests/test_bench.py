@@ -86,11 +86,11 @@ def test_scenes_hold_what_they_should(tmp_path):
         np.testing.assert_array_equal(scene.made.objects > 0, scene.kinds > 0)
         np.testing.assert_allclose(scene.scene.read(), scene.raw, rtol=1e-6)
         squares = []
-        for band, truth in zip(sensors[0].bands[:5], scene.truth, strict=False):
+        for band, truth in zip(sensors[0].bands[:5], scene.made.truth, strict=False):
             noise = noise_equivalent_radiance(truth, sensors[0], band)
             squares.append((noise**2).mean() / np.median(truth) ** 2)
         # 5 x 4096 pixels: a standard deviation is known to 0.5 %
-        found = rms_error(scene.noisy, scene.truth)
+        found = rms_error(scene.noisy, scene.made.truth)
         assert found == pytest.approx(100 * math.sqrt(np.mean(squares)), rel=0.02)
 
 
@@ -150,7 +150,7 @@ def test_names_that_escape_html(results):
 
 def test_objects_are_counted_at_the_rate(results, tmp_path):
     (scene,) = scenes.simulated(tmp_path, [preset("thesis").delayed(0.0)], 3.0, 0, SMALL)
-    bright = scene.truth + 100 * scene.truth.mean() * (scene.kinds == 2)
+    bright = scene.made.truth + 100 * scene.made.truth.mean() * (scene.kinds == 2)
     rng = np.random.default_rng(0)
     found = run.quality(scene, bright + rng.normal(0, 1e-3, bright.shape))
     assert found.found[1] == 1

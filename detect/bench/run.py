@@ -178,5 +178,5 @@ def quality(scene: TrueScene, image: Float64) -> Quality:
         found.append(np.mean([o.pfa <= PFA for o in counted.objects]) if counted.objects else math.nan)
         pfa, pd = roc.vertices
         drawn.append(pd[np.searchsorted(pfa, GRID * (1 + 1e-12), side="right") - 1])
-    whole, deep = rms_error(image, scene.truth), rms_error(image, scene.truth, scene.deep)
+    whole, deep = rms_error(image, scene.made.truth), rms_error(image, scene.made.truth, scene.deep)
     return Quality(whole, deep, np.array(auc), np.array(found), np.stack(drawn))

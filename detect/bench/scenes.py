@@ -54,11 +54,6 @@ class TrueScene:
         return self._radiance(self.made.image)
 
     @cached_property
-    def truth(self) -> Float64:
-        """The scene without glint and noise."""
-        return self.made.truth.astype(np.float64)
-
-    @cached_property
     def noisy(self) -> Float64:
         """The truth with the noise of the sensor: the result of a removal that removes all glint and nothing else."""
         return self._radiance(self.made.truth_image)

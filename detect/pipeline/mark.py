@@ -30,8 +30,7 @@ of such an object, because all up to its rank may be false, too."""
 
 def joined(parts: Sequence[Places]) -> Places:
     """Join the pixels of all tiles, in row-major order."""
-    nothing = np.zeros(0, np.int64)
-    start = (nothing, nothing, np.zeros(0, np.float32))
+    start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]

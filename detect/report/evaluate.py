@@ -231,9 +231,8 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         grid = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
         bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
                           block=request.block, pfa=grid)  # fmt: skip
-    found = None
-    if request.per_object:
-        found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
+    most = request.pfa_max
+    found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=most) if request.per_object else None
     sign, square_km = request.sign, np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
     points: list[dict[str, Any]] = []
     for point in map(roc.point, rates):

@@ -154,9 +154,8 @@ class Roc:
         except ImportError:
             raise InputError("Roc.plot needs matplotlib: pip install 'deglint[reports]'.") from None
         ax = plt.figure(figsize=(5, 4)).add_subplot() if ax is None else ax
-        pfa, pd = self.vertices
         name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
-        ax.plot(pfa, pd, label=name)
+        ax.plot(*self.vertices, label=name)
         ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),
                xlabel="observed false-alarm rate", ylabel="detected share of target pixels")  # fmt: skip
         ax.legend(loc="lower right")
@@ -230,13 +229,13 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
     one, two = (_components(s[target], s[background], r) for s, r in zip((first, second), rocs, strict=True))
-    difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
+    areas = rocs[0].auc, rocs[1].auc
+    difference, error = areas[0] - areas[1], math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         z = float(np.divide(difference, error))
     p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # equal ranks
     low, high = difference - _Z * error, difference + _Z * error
-    pixels = int(np.count_nonzero(ok))
-    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
+    return Comparison(areas, difference, error, z, p, low, high, pixels=int(np.count_nonzero(ok)))
 
 
 def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:

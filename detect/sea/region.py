@@ -3,8 +3,7 @@
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
 are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers. A
-hole next to land counts as part of the land. A part with land at both ends counts as a piece of a bridge, a bar or a
-front of turbid water.
+hole next to land counts as part of the land. A part with land at both ends counts as a bridge, a bar or turbid water.
 """
 
 import math
