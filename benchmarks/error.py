@@ -15,7 +15,7 @@ from deglint.errors import DeglintError
 from deglint.readers.areas import open_area
 from deglint.remove import METHODS, REGRESSIONS
 from deglint.scene import Scene
-from detect.bench.measure import rms_error
+from detect.bench.numbers import rms_error
 
 from .files import DATA, values
 from .timing import machine, say

@@ -24,7 +24,7 @@ from deglint.physics.sensor import Sensor, mtf
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, simulate, thesis_array
 from deglint.simulate.scene import Light
-from detect.bench.measure import VISIBLE_BANDS
+from detect.bench.numbers import VISIBLE_BANDS
 
 from .files import DATA, plane, values
 

@@ -24,7 +24,7 @@ from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.scene import Scene
 from deglint.simulate import Setup, SubmergedObject, simulate
-from detect.bench.measure import rms_error
+from detect.bench.numbers import rms_error
 
 from .files import DATA, values
 from .scenes import Known, deglinted

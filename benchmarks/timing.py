@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from detect.bench.machine import load_now, versions
-from detect.bench.machine import machine as machine_now
+from detect.bench.numbers import load_now, versions
+from detect.bench.numbers import machine as machine_now
 
 ROOT = Path(__file__).resolve().parents[1]
 """Where the packages lie. Children find them there, whatever else is installed."""

@@ -4,13 +4,11 @@
 `detect.rx` computes scores with it. No file is opened here.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,11 +20,9 @@ from deglint.tiles import default_threads
 from . import covariance as estimates
 from .arrays import Array, Float64, Int64, Mask
 
-COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")
-"""Estimators of the covariance: see `detect.covariance`."""
+COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
-ROBUST_SAMPLE = 1 << 17
-"""Approximate maximum number of sampled pixels for the robust estimate and for Ledoit and Wolf's shrinkage."""
+ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,24 +65,15 @@ class Background:
 
     def numbers(self) -> dict[str, Any]:
         """All fields and the rank as plain values for JSON."""
-        return {
-            "background": 1,
-            "names": list(self.names),
-            "rule": self.rule,
-            "shrinkage": self.shrinkage,
-            "n": self.n,
-            "rank": self.rank,
-            "mean": self.mean.tolist(),
-            "rest": self.rest.tolist(),
-            "covariance": self.covariance.tolist(),
-        }
+        shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
+        return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}
 
     def to_json(self) -> str:
         """Text from which `from_json` restores the background to the bit."""
         return json.dumps(self.numbers(), indent=2)
 
     @classmethod
-    def from_json(cls, text: str) -> Background:
+    def from_json(cls, text: str) -> Self:
         """Restore a background from a text. Raises InputError: the text is damaged, or does not come from `to_json`."""
         try:
             found = json.loads(text)
@@ -110,7 +97,7 @@ class Part:
     values: Array  # (bands, samples)
 
     @classmethod
-    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Part:
+    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
         One pixel in `share` is sampled; 0: none. The mask, (row, column), is True at pixels of the background.
@@ -123,11 +110,10 @@ class Part:
         return cls(cell_moments(block, mask, origin=origin), places, block[:, rows, columns])
 
     @classmethod
-    def merge(cls, parts: Sequence[Part]) -> Part:
+    def merge(cls, parts: Sequence[Self]) -> Self:
         """Merge parts. All cells at the same height in the scene (a row of cells) become one cell.
 
-        Rows of tiles must start at multiples of `deglint.moments.CELL`, so that rows of cells are complete. Then the
-        result is the same to the bit for any tiling.
+        If rows of tiles start at multiples of `deglint.moments.CELL`, any tiling gives the same result to the bit.
         """
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
@@ -149,29 +135,13 @@ def fit(
     image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
     names: Sequence[str] = (), threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit a background to an array, (band, row, column).
+    """Fit a background to an array, (band, row, column), of any real type.
 
-    Parameters
-    ----------
-    image : (band, row, column) ndarray
-        Any real type; pixels with NaN or infinity in any band are excluded.
-    mask : (row, column) bool ndarray, optional
-        True where a pixel belongs to the background; by default all valid pixels belong to it.
-    covariance : str
-        Estimator of the covariance, one of `COVARIANCES`.
-    ridge : float
-        For "ridge": this share of each band's variance is added to it.
-    names : sequence of str
-        Names of the bands, to store in the background.
-    threads : int, optional
-        Number of threads, by default all processors. The result does not depend on it.
-
-    Raises
-    ------
-    FitError
-        Fewer than two pixels are valid, or the squares of the values exceed double precision.
-    InputError
-        The covariance or the ridge is not allowed, or the shapes of image and mask differ.
+    The mask, (row, column), is True where a pixel belongs to the background; by default all pixels belong to it. Pixels
+    with NaN or infinity in any band are excluded. `covariance` is one of `COVARIANCES`; "ridge" adds the share `ridge`
+    of each band's variance to it. `names`, of the bands, are stored in the background. The result does not depend on
+    the number of threads, by default all processors. Raises FitError: fewer than two pixels are valid, or the squares
+    of the values exceed double precision. Raises InputError: covariance or ridge is not allowed, or shapes differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

@@ -105,10 +105,9 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
     if np.count_nonzero(inside) <= bands:
         inside[:] = True
     core = scaled[inside]
-    mean = core.mean(axis=0)
     factor = _TRIM / chi2.cdf(chi2.ppf(_TRIM, bands), bands + 2)
     covariance = factor * np.cov(core, rowvar=False).reshape(len(spread), -1) * np.outer(spread, spread)
-    return centre + mean * spread, covariance, len(core)
+    return centre + core.mean(axis=0) * spread, covariance, len(core)
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:

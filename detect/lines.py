@@ -13,16 +13,13 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 
-from .arrays import Float32, Float64
+from .arrays import Float32
 from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
-_OUT = 5.0
-"""Pixels with a squared distance above this multiple of the number of bands are excluded from the statistics. With 4
-bands, a fraction of 5e-4 of normal pixels is excluded."""
-_LINE_RIDGE = 1e-6
-"""Fraction of each band's variance that is added to it, so that the covariance of collinear bands can be inverted."""
+_OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
+_LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 
 class LineScorer:
@@ -53,20 +50,8 @@ class LineScorer:
     def score(self, line: npt.ArrayLike) -> Float32:
         """Squared Mahalanobis distance of every pixel of a line from the lines before; then the line is added to them.
 
-        Parameters
-        ----------
-        line : (band, column) array
-            NaN where not valid.
-
-        Returns
-        -------
-        (column,) ndarray of float32
-            NaN where not valid, and until the statistics have enough pixels.
-
-        Raises
-        ------
-        InputError
-            The line is not (band, column), or the number of bands changes.
+        The line is (band, column), NaN where not valid. The scores, (column,), are NaN where not valid, and until the
+        statistics have enough pixels. Raises InputError: the line has another shape, or another number of bands.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
@@ -84,33 +69,22 @@ class LineScorer:
             inside = found <= _OUT * len(values)
             if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed
                 taken = taken[:, inside]
-        if taken.size:
-            self._learn(taken)
+        if count := taken.shape[1]:
+            centre = taken.mean(axis=1)
+            away = taken - centre[:, None]
+            second = away @ away.T / count
+            self._weight *= self._keep
+            share = count / (self._weight + count)
+            step = centre - self._mean
+            self._mean = self._mean + share * step
+            self._second = (1 - share) * (self._second + share * np.outer(step, step)) + share * second
+            self._weight += count
         return out
-
-    def _learn(self, taken: Float64) -> None:
-        """Add pixels of a line, (band, pixel), to the averages."""
-        count = taken.shape[1]
-        centre = taken.mean(axis=1)
-        away = taken - centre[:, None]
-        second = away @ away.T / count
-        self._weight *= self._keep
-        share = count / (self._weight + count)
-        step = centre - self._mean
-        self._mean = self._mean + share * step
-        self._second = (1 - share) * (self._second + share * np.outer(step, step)) + share * second
-        self._weight += count
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
-    """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
+    """Yield the scores, (column,), of successive lines, (band, column) each; see `LineScorer.score`.
 
-    Parameters
-    ----------
-    lines : iterable of (band, column) array
-    memory : int
-        Time constant of the exponential averages [line].
+    `memory` is the time constant of the exponential averages [line].
     """
-    scorer = LineScorer(memory)
-    for line in lines:
-        yield scorer.score(line)
+    yield from map(LineScorer(memory).score, lines)

@@ -28,10 +28,8 @@ from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
 from .background import as_image, as_mask, check_rule
 from .covariance import TOLERANCE
 
-CELL = 256
-"""Side of the cells that are computed at a time [pixel]. Tiles that start at multiples of it have identical scores."""
-BORDERS = ("shrink", "mirror", "shift")
-"""Rules for a window at the edge of the image: ignore the part outside, mirror the image, or move the window inside."""
+CELL = 256  # side of the cells computed at a time [pixel]; tiles that start at multiples of it have identical scores
+BORDERS = ("shrink", "mirror", "shift")  # beyond the image: ignore it, mirror the image, or move the window inside
 SUMS_BANDS = 24  # maximum number of bands for which sums over windows are faster than rings computed one by one
 FINE, DEFICIENT, TOO_FEW = 0, 1, 2
 STATES = {
@@ -39,8 +37,7 @@ STATES = {
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
 """Values of `flags` in `local_rx` and their meanings; 0 where there is nothing to note."""
-_DIRECT = 255
-"""State (`ASIDE` of `_local_kernel`) of pixels to compute one by one: many bands, imprecise sums, or a moved window."""
+_DIRECT = 255  # state (`ASIDE` of `_local_kernel`) of pixels computed one by one: sums are slow or imprecise
 
 
 @dataclass(frozen=True)
@@ -161,10 +158,8 @@ def score_part(
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
     """Scores and states (`STATES`) of one cell, (row, column) each; `good` is the mask of valid pixels of the block."""
     inside = good[cell.within(held)]
-    scores, states = np.full(inside.shape, np.nan), np.zeros(inside.shape, np.uint8)
-    if not inside.any():
-        return scores, states
-    if len(block) <= SUMS_BANDS:
+    scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
+    if len(block) <= SUMS_BANDS and inside.any():
         from ._local_kernel import distances, ring_moments
 
         x = _padded(block, good, held, cell, rule)
@@ -178,8 +173,6 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
             rows, columns = (np.arange(*ends) for ends in cell.window)
             near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
             states[inside & np.logical_or.outer(*near)] = _DIRECT
-    else:
-        states[inside] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
         place = int(r) + cell.row0, int(c) + cell.col0
         scores[r, c], states[r, c] = _direct(block, good, held, place, rule)

@@ -3,8 +3,7 @@
 A boat with velocity v is at p in one band, and at p + v t in a band recorded t later. Every detection in the first band
 is combined with every detection in the last band that a boat can reach. The uniform motion between them must meet a
 detection in each of the other bands. Detections deviate from the water around them. Waves and sparkle are at unrelated
-places in every band, so that no uniform motion fits them. Three bands are needed, because a motion fits any two
-detections.
+places in every band, so that no uniform motion fits them. Three bands are needed: a motion fits any two detections.
 """
 
 import math
@@ -21,8 +20,7 @@ from .arrays import Float32, Float64, Mask
 FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window whose mean of water is subtracted for the contrast [pixel]
 _SIGMA = 6.0  # minimum contrast of a detection [robust standard deviation]: boats are in all bands, sparkle in one
-_CHANCE = 0.05
-"""Maximum expected number of motions by chance in an image: if there are many wave crests, some fit a motion."""
+_CHANCE = 0.05  # maximum expected number of motions by chance in an image: of many wave crests, some fit a motion
 _NEAR = 1.0  # maximum distance of a detection from a uniform motion [pixel]
 _SLOWEST = 0.25  # minimum displacement between the first and the last band [pixel]; a smaller one cannot be measured
 
@@ -115,17 +113,13 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
         away = [np.hypot(*(spots[:, :2] - place).T) for spots, place in zip(places, expected, strict=True)]
         if max(a.min() for a in away) <= _NEAR:
             track = np.array([spots[a.argmin()] for spots, a in zip(places, away, strict=True)])
-            movers.append(_fitted(track[:, :2], times, pixel, track[:, 2].min()))
+            velocity, origin = np.polyfit(times, track[:, :2], 1)
+            error = np.sqrt(((track[:, :2] - origin - np.outer(times, velocity)) ** 2).sum(axis=1).mean())
+            heading = math.degrees(math.atan2(velocity[1], -velocity[0])) % 360
+            speed, contrast = math.hypot(*velocity) * pixel, track[:, 2].min()
+            row, column = origin.tolist()
+            movers.append(Mover(row, column, speed, heading, float(error), float(contrast)))
     best = min(movers, key=lambda m: m.error, default=None)
     if best is None or best.speed > FASTEST or best.speed * span / pixel < max(_SLOWEST, 3 * best.error):
         return None
     return best
-
-
-def _fitted(track: Float64, times: Float64, pixel: float, least: float) -> Mover:
-    """Boat whose uniform motion fits the places `track`, (band, 2) [pixel], by least squares; `least`: the contrast."""
-    step, place = np.polyfit(times, track, 1)
-    error = float(np.sqrt(((track - place - np.outer(times, step)) ** 2).sum(axis=1).mean()))
-    heading = math.degrees(math.atan2(step[1], -step[0])) % 360
-    row, column = place.tolist()
-    return Mover(row, column, math.hypot(*step) * pixel, heading, error, float(least))

@@ -86,8 +86,7 @@ def find(
 
     Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
     pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
-    `min_size` pixels are dropped. `pixel_area` is the area of a pixel [m2]. Raises InputError: the shapes differ, or an
-    option is out of range.
+    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError: shapes differ, or an option is not allowed.
 
     Examples
     --------
@@ -118,7 +117,15 @@ def find_among(
         raise InputError(f"merge_distance: allowed is 0 pixels or more, got {merge_distance}.")
     if not len(rows):
         return []
-    part, kept, values = _joined(rows, columns, merge_distance), scores > above, scores.astype(np.float64)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(np.stack([rows, columns], axis=1), balanced_tree=False, compact_nodes=False)
+    pairs = tree.query_pairs(max(merge_distance, 1.5), output_type="ndarray")  # pixels that touch, or are near
+    graph = coo_array((np.ones(len(pairs), np.bool_), pairs.T), shape=(len(rows), len(rows)))
+    part = connected_components(graph, directed=False)[1]
+    kept, values = scores > above, scores.astype(np.float64)
     groups = np.split(np.argsort(part, kind="stable"), np.cumsum(np.bincount(part))[:-1])
     large = [(own, group) for group in groups if len(own := group[kept[group]]) >= min_size]
     out = []
@@ -136,18 +143,6 @@ def find_among(
             score_top=math.sqrt((highest**2).sum() / _FOOTPRINT), scores=values[own],
         ))  # fmt: skip
     return out
-
-
-def _joined(rows: Int64, columns: Int64, distance: float) -> Int32:
-    """Number of the part of each pixel, (pixels,). Pixels of a part touch, or are up to `distance` [pixel] apart."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(np.stack([rows, columns], axis=1), balanced_tree=False, compact_nodes=False)
-    pairs = tree.query_pairs(max(distance, 1.5), output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), np.bool_), pairs.T), shape=(len(rows), len(rows)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
 
 
 def label(mask: Mask) -> Int32:

@@ -83,28 +83,27 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
-    matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
 
     def fill_strip(first: int) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
-            _fill(flat[:, first : first + _STRIP_PIXELS], detector, matrix, out[first : first + _STRIP_PIXELS])
+            _fill(flat[:, first : first + _STRIP_PIXELS], detector, out[first : first + _STRIP_PIXELS])
 
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(fill_strip, range(0, len(out), _STRIP_PIXELS)))
-    with np.errstate(invalid="ignore", over="ignore"):
-        # finite scores beyond the output type become its largest value; the others are not valid
-        bad = ~np.isfinite(out)
-        if bad.any():
-            fine = np.isfinite(flat[:, bad]).all(axis=0)
-            out[bad] = np.where(fine, np.copysign(float(np.finfo(out.dtype.name).max), out[bad]), np.nan)
+    # finite scores beyond the output type become its largest value; the others are not valid
+    bad = ~np.isfinite(out)
+    if bad.any():
+        fine = np.isfinite(flat[:, bad]).all(axis=0)
+        out[bad] = np.where(fine, np.copysign(np.finfo(out.dtype.name).max, out[bad]), np.nan)
     scores: Scores = out.reshape(image.shape[1:])
     if mask is not None:
         scores[~mask] = np.nan
     return scores
 
 
-def _fill(flat: Array, detector: Detector, matrix: Float64, out: Scores) -> None:
-    """Fill `out` with the scores of `flat`, (bands, pixels); `matrix` is `detector.whiten` with a last row `linear`."""
+def _fill(flat: Array, detector: Detector, out: Scores) -> None:
+    """Fill `out` with the scores of `flat`, (bands, pixels)."""
+    matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
     # always the same width: at the end of a shorter matrix, BLAS may add in another order
@@ -209,7 +208,6 @@ def rx(
 
     Examples
     --------
-    >>> import numpy as np
     >>> image = np.random.default_rng(0).normal(size=(3, 50, 60))
     >>> image[:, 20, 30] += 10
     >>> scores = rx(image)
@@ -250,13 +248,9 @@ def subspace_rx(
 def residual_rx(
     image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
-    """RX of the residuals of the bands after regression on reference bands; other parameters as `rx`.
+    """RX of the residuals of the bands after regression on the 0-based bands `nir`; other parameters as `rx`.
 
-    Parameters
-    ----------
-    nir : sequence of int
-        0-based reference bands. The score is RX on all bands minus RX on the reference bands alone: anomalies that
-        only the reference bands show do not count.
+    The score is RX on all bands minus RX on the bands `nir` alone: anomalies that only these show do not count.
     """
     return _run("residual", image, background, mask, nir=nir)
 

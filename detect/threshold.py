@@ -11,11 +11,10 @@ Grimshaw (1993), "Computing maximum likelihood estimates for the generalized Par
 ch. 4, doi:10.1007/978-1-4471-3675-0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -23,9 +22,7 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = ("gpd", "empirical", "f", "chi2")
-"""Methods for the threshold of --pfa: a law fitted to the highest scores, their quantile, and the F and chi-squared law
-of a normal background."""
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # law fitted to the tail, quantile, and laws of a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50  # minimum number of scores that a law is fitted to
 _TAIL = 0.01  # fraction of the scores that a law is fitted to; larger for high rates and for few scores
@@ -54,7 +51,7 @@ class Tail:
     keep: int = KEEP
 
     @classmethod
-    def of(cls, scores: Array, keep: int = KEEP) -> Tail:
+    def of(cls, scores: Array, keep: int = KEEP) -> Self:
         """The tail of an array of scores of any shape, without NaN. Raises InputError: a score is infinite."""
         valid = np.asarray(scores).ravel()
         valid = valid[~np.isnan(valid)]
@@ -67,7 +64,7 @@ class Tail:
         return cls(n, values, keep)
 
     @classmethod
-    def merge(cls, parts: Iterable[Tail]) -> Tail:
+    def merge(cls, parts: Iterable[Self]) -> Self:
         """The tail of all parts together; the same to the bit for any order and any division into parts."""
         parts = list(parts)
         keep = min(part.keep for part in parts)
@@ -121,7 +118,7 @@ class Threshold:
     numbers: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def measured(self, above: int | None, n: int) -> Threshold:
+    def measured(self, above: int | None, n: int) -> Self:
         """This threshold with the observed rate: `above` (None: not known) of `n` valid scores are greater."""
         return self if above is None else replace(self, pfa_achieved=above / n if n else None)
 

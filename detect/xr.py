@@ -2,8 +2,7 @@
 
     scores = detect.xr.rx(scene)  # fits the background now; a lazy array is scored when it is computed
 
-Tiles are scored by the same functions as in `rxdetect score`, so the scores are the same to the bit. No file is opened
-here.
+Tiles are scored by the functions of `rxdetect score`, so the scores are the same to the bit. No file is opened here.
 """
 
 from dataclasses import replace
@@ -33,19 +32,9 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray. A lazy array is computed now, once and chunk by chunk.
+    """Fit the background of a DataArray; parameters and errors as `score`.
 
-    Parameters
-    ----------
-    array, sensor, nodata, threads
-        As `deglint.xr.fit`.
-    recipe : Recipe or str
-        Options, or the name of a method.
-
-    Raises
-    ------
-    InputError, BandError, FitError, NoWaterError
-        As `score`.
+    A lazy array is computed now, once and chunk by chunk.
     """
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
@@ -101,16 +90,7 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    Parameters
-    ----------
-    array, background
-        As `score`.
-    **options
-        covariance, ridge, bands, mask, ...: fields of `detect.pipeline.Recipe`.
-
-    Returns
-    -------
-    (y, x) DataArray of float32
+    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, mask, ...; the rest is as in `score`.
 
     Examples
     --------

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from benchmarks import compare
 from deglint.physics.presets import preset
 from deglint.physics.sensor import noise_equivalent_radiance
 from deglint.remove import METHODS
-from detect.bench import measure, report, run, scenes
-from detect.bench.numbers import Number, as_json, over_seeds, timed
+from detect.bench import report, run, scenes
+from detect.bench.numbers import Number, as_json, over_seeds, rms_error, timed
 from detect.bench.run import DEFAULT, RAW
-from detect.report import plots
+from detect.report.page import as_uri, check_installed
+from detect.roc import Roc
+from detect.rx import rx
 
 SMALL = 64
 NAN = math.nan
@@ -44,7 +47,7 @@ def test_error_is_that_of_a_loop_over_pixels():
         for band in range(5):  # COASTAL to RED
             away = [image[band, r, c] - truth[band, r, c] for r in range(6) for c in range(8)[columns]]
             squares.append(sum(a * a for a in away) / len(away) / np.median(truth[band]) ** 2)
-        assert measure.rms_error(image, truth, columns) == pytest.approx(100 * math.sqrt(sum(squares) / 5), rel=1e-12)
+        assert rms_error(image, truth, columns) == pytest.approx(100 * math.sqrt(sum(squares) / 5), rel=1e-12)
 
 
 def test_distances_and_areas_are_those_of_brute_force():
@@ -53,13 +56,14 @@ def test_distances_and_areas_are_those_of_brute_force():
     kinds = generator.integers(-1, 3, (9, 11))
     sample = np.zeros((9, 11), bool)
     sample[:, :6] = True
-    scores = measure.rx_scores(image, sample)
+    scores = rx(image, sample)
     inside = image[:, sample]
     inverse = np.linalg.inv(np.cov(inside))
     for row, column in ((0, 0), (4, 7), (8, 10)):
         away = image[:, row, column] - inside.mean(axis=1)
         assert scores[row, column] == pytest.approx(away @ inverse @ away, rel=1e-9)
-    for number, found in zip((1, 2), measure.curves(scores, kinds, (1, 2)), strict=True):
+    for number in (1, 2):
+        found = Roc.of(scores, kinds == number, (kinds == 0) | (kinds == number))
         pairs = [(x > y) + (x == y) / 2 for x in scores[kinds == number] for y in scores[kinds == 0]]
         assert found.auc == pytest.approx(np.mean(pairs), rel=1e-12)
 
@@ -82,11 +86,11 @@ def test_scenes_hold_what_they_should(tmp_path):
         np.testing.assert_array_equal(scene.made.objects > 0, scene.kinds > 0)
         np.testing.assert_allclose(scene.scene.read(), scene.raw, rtol=1e-6)
         squares = []
-        for band, truth in zip(sensors[0].bands[:5], scene.truth, strict=False):
+        for band, truth in zip(sensors[0].bands[:5], scene.made.truth, strict=False):
             noise = noise_equivalent_radiance(truth, sensors[0], band)
             squares.append((noise**2).mean() / np.median(truth) ** 2)
         # 5 x 4096 pixels: a standard deviation is known to 0.5 %
-        found = measure.rms_error(scene.noisy, scene.truth)
+        found = rms_error(scene.noisy, scene.made.truth)
         assert found == pytest.approx(100 * math.sqrt(np.mean(squares)), rel=0.02)
 
 
@@ -134,7 +138,7 @@ def test_figures_hold_every_removal(results):
         figure = draw(results)
         labels = {text.get_text() for text in figure.legends[0].get_texts()}
         assert labels >= {"hedley"}
-        assert plots.as_uri(figure) == plots.as_uri(draw(results))
+        assert as_uri(figure) == as_uri(draw(results))
 
 
 def test_names_that_escape_html(results):
@@ -146,7 +150,7 @@ def test_names_that_escape_html(results):
 
 def test_objects_are_counted_at_the_rate(results, tmp_path):
     (scene,) = scenes.simulated(tmp_path, [preset("thesis").delayed(0.0)], 3.0, 0, SMALL)
-    bright = scene.truth + 100 * scene.truth.mean() * (scene.kinds == 2)
+    bright = scene.made.truth + 100 * scene.made.truth.mean() * (scene.kinds == 2)
     rng = np.random.default_rng(0)
     found = run.quality(scene, bright + rng.normal(0, 1e-3, bright.shape))
     assert found.found[1] == 1
@@ -169,8 +173,8 @@ def test_outputs_are_not_replaced_and_nothing_is_measured_in_vain(rxdetect, tmp_
 
 
 def test_a_package_that_is_missing_is_named_with_its_remedy(rxdetect, monkeypatch):
-    find = plots.find_spec
-    monkeypatch.setattr(plots, "find_spec", lambda name: None if name == "jinja2" else find(name))
+    known = check_installed.__globals__
+    monkeypatch.setitem(known, "find_spec", lambda name: None if name == "jinja2" else find_spec(name))
     ran = rxdetect("bench")
     assert ran.code == 1
     assert re.search(r"needs jinja2: pip install 'deglint\[reports\]'", ran.err)

@@ -9,7 +9,7 @@ import pytest
 from rasterio.transform import from_origin
 
 from detect.report import Request, evaluate, page
-from detect.report.plots import shrink
+from detect.report.page import shrink
 from detect.roc import Roc, auc_interval, bootstrap
 
 VOID = {"meta", "br", "img", "path", "rect", "circle", "image"}

@@ -1,10 +1,24 @@
-"""Measured numbers with their intervals."""
+"""Measured numbers with their intervals, and the machine, the versions and the command that they come from."""
 
 import math
+import os
+import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
 from statistics import mean, median, stdev
 from typing import Any, Literal
+
+import numpy as np
+
+from ..arrays import Array
+
+PACKAGES = ("deglint", "numpy", "scipy", "numba", "rasterio", "opencv-contrib-python-headless", "scikit-learn",
+            "spectral")  # fmt: skip
+VISIBLE_BANDS = 5  # COASTAL to RED: the bands whose error counts
 
 Better = Literal["lower", "higher"]
 
@@ -23,6 +37,25 @@ class Number:
     def __str__(self) -> str:
         spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
         return short(self.value) + spread
+
+
+def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:
+    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level.
+
+    `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands count. The error is
+    computed in `columns`, the water level, median(truth), from all columns.
+
+    Examples
+    --------
+    >>> level = np.full((5, 4, 4), 2.0)
+    >>> rms_error(1.1 * level, level).__round__(6)
+    10.0
+    """
+    truth = np.asarray(truth, np.float64)[:VISIBLE_BANDS]
+    away = (np.asarray(image, np.float64)[:VISIBLE_BANDS] - truth)[:, :, columns]
+    level = np.median(truth, axis=(1, 2))
+    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
+    return float(100 * np.sqrt((each**2).mean()))
 
 
 def short(value: float) -> str:
@@ -53,3 +86,37 @@ def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Map
     values = {name: asdict(number) for name, number in numbers.items()}
     out: dict[str, Any] = plain({"made": made, "numbers": values, "refused": refused})
     return out
+
+
+def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
+    """Versions, machine and options of a run; `seconds` is its duration [s], `load` the load average at its start."""
+    now = machine()
+    busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
+    return {
+        "command": command, "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), "quick": quick, "seeds": seeds,
+        "seconds": round(seconds, 1), "machine": now, "busy": busy, "versions": versions(),
+    }  # fmt: skip
+
+
+def machine() -> dict[str, Any]:
+    """Name of the processor, number of cores that this process may use, and operating system."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    system = f"{platform.system()} {platform.release()}"
+    return {"processor": names[0] if names else platform.processor(), "cores": cores, "system": system}
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that are installed."""
+    out = {"deglint": "", "python": platform.python_version()}
+    for name in PACKAGES:
+        with suppress(metadata.PackageNotFoundError):
+            out[name] = metadata.version(name)
+    return out
+
+
+def load_now() -> float | None:
+    """Load average of the last minute; None if the system does not have one."""
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None

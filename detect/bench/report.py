@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..report.page import render
-from ..report.plots import as_uri, new_figure
+from ..report.page import as_uri, new_figure, render
 from .numbers import short
 from .run import DEFAULT, GRID, LIMIT, PFA, RAW, Condition, Results
 from .scenes import REFLECTANCES, SIDE
@@ -17,24 +16,24 @@ from .scenes import REFLECTANCES, SIDE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURE_WIDTH, HEIGHT = 9.0, 4.2  # size of a figure [inch]
+_WIDTH, _HEIGHT = 9.0, 4.2  # size of a figure [inch]
+_ERROR = "RMS error [% of the water level]"
 
 
 def page(results: Results, made: Mapping[str, Any]) -> str:
-    """The whole page (HTML); `made` comes from `machine.provenance`."""
-    drawn = [
-        ("Error against wind", against_wind(results)) if len(results.effort.winds) > 1 else None,
-        ("Run time against error", time_against_error(results)),
-        ("ROC curves of submerged objects", roc_curves(results)),
-    ]
-    plots = [(title, as_uri(figure)) for title, figure in filter(None, drawn)]
+    """The whole page (HTML); `made` comes from `numbers.provenance`."""
+    drawn = {"Run time against error": time_against_error, "ROC curves of submerged objects": roc_curves}
+    if len(results.effort.winds) > 1:
+        drawn = {"Error against wind": against_wind} | drawn
+    plots = {title: as_uri(draw(results)) for title, draw in drawn.items()}
     return render("detect.bench", made=made, plots=plots, tables=tables(results), refused=results.refused)
 
 
-def _axes(panels: int) -> tuple[Figure, list[Any]]:
-    """A figure with panels side by side."""
-    figure = new_figure(FIGURE_WIDTH, HEIGHT)
-    return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0])
+def _axes(panels: int, label: str) -> tuple[Figure, list[Any]]:
+    """A figure with panels side by side; `label` is the label of their common y axis."""
+    figure, axes = new_figure(_WIDTH, _HEIGHT, panels)
+    axes[0].set_ylabel(label)
+    return figure, axes
 
 
 def _style(name: str) -> dict[str, Any]:
@@ -53,7 +52,7 @@ def _with_legend(figure: Any, ax: Any) -> Figure:
 def against_wind(results: Results) -> Figure:
     """Plot the error against the wind, with a panel for each delay and a line for each removal."""
     effort = results.effort
-    figure, panels = _axes(len(effort.delays))
+    figure, panels = _axes(len(effort.delays), _ERROR)
     for ax, delay in zip(panels, effort.delays, strict=True):
         for name in (RAW, *results.used, LIMIT):
             found = [results.error((wind, delay), name) for wind in effort.winds]
@@ -61,14 +60,13 @@ def against_wind(results: Results) -> Figure:
             ax.errorbar(effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name,
                         **_style(name))  # fmt: skip
         ax.set(yscale="log", xlabel="wind [m/s]", title=f"{1000 * delay:g} ms between bands")
-    panels[0].set_ylabel("RMS error [% of the water level]")
     return _with_legend(figure, panels[0])
 
 
 def time_against_error(results: Results) -> Figure:
     """Plot the error against the processor time; filled markers: no other removal is both faster and more precise."""
     wind, _delay = results.effort.shown
-    figure, panels = _axes(len(results.effort.delays))
+    figure, panels = _axes(len(results.effort.delays), _ERROR)
     times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
     for ax, delay in zip(panels, results.effort.delays, strict=True):
         errors = {name: results.error((wind, delay), name).value for name in results.used}
@@ -77,19 +75,17 @@ def time_against_error(results: Results) -> Figure:
             ax.plot(times[name], error, "o", label=name, fillstyle="none" if beaten else "full", **_style(name))
         ax.set(xscale="log", yscale="log", xlabel="processor time of fit and apply [ms]",
                title=f"{named((wind, delay))} between bands")  # fmt: skip
-    panels[0].set_ylabel("RMS error [% of the water level]")
     return _with_legend(figure, panels[0])
 
 
 def roc_curves(results: Results) -> Figure:
     """Plot Pd, mean over seeds, against Pfa for the two darkest reflectances of the objects."""
-    figure, panels = _axes(2)
+    figure, panels = _axes(2, "Pd")
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
             images = results.images[results.effort.shown, name]
             ax.plot(GRID, np.mean([image.curve[kind] for image in images], axis=0), label=name, **_style(name))
         ax.set(xscale="log", xlabel="Pfa", title=f"objects of {100 * REFLECTANCES[kind]:g} %")
-    panels[0].set_ylabel("Pd")
     return _with_legend(figure, panels[0])
 
 
@@ -110,10 +106,8 @@ def named(condition: Condition) -> str:
 
 def tables(results: Results) -> list[Table]:
     """All tables of the report."""
-    found = [overview(results)]
-    if len(results.conditions) > 1:
-        found.append(by_condition(results))
-    return [*found, objects(results)]
+    several = [by_condition(results)] if len(results.conditions) > 1 else []
+    return [overview(results), *several, objects(results)]
 
 
 def overview(results: Results) -> Table:

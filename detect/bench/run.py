@@ -1,13 +1,11 @@
 """Measure every removal method: error, objects found, ROC curves and processor time."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,9 +14,10 @@ from deglint.errors import DeglintError
 from deglint.physics.presets import preset
 from deglint.remove import METHODS
 
-from ..roc import object_curve
-from .measure import VISIBLE_BANDS, Float64, curves, rms_error, rx_scores
-from .numbers import Number, over_seeds, timed
+from ..arrays import Float64
+from ..roc import Roc, object_curve
+from ..rx import rx
+from .numbers import VISIBLE_BANDS, Number, over_seeds, rms_error, timed
 from .scenes import REFLECTANCES, TrueScene, simulated
 
 DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
@@ -26,8 +25,7 @@ DEFAULT, RAW, LIMIT = "default", "raw", "noise only"
 GRID = np.geomspace(1e-4, 1.0, 121)  # pixel false-alarm rates of the ROC curves
 PFA = 1e-3  # pixel false-alarm rate at which objects are counted
 
-Condition = tuple[float, float]
-"""Wind [m/s] and delay from band to band [s]."""
+Condition = tuple[float, float]  # wind [m/s] and delay from band to band [s]
 
 
 def removals() -> dict[str, dict[str, str]]:
@@ -47,11 +45,8 @@ class Effort:
     rounds: int = 5  # number of repeated timings
 
     @classmethod
-    def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Effort:
-        """Extent of a full run, or of a quick run (one wind, small scenes, few repeats).
-
-        `seeds` is the number of scenes of each condition; None: 5, or 2 for a quick run.
-        """
+    def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
+        """Extent of a full or a quick run; `seeds` is by default 5, or 2 for a quick run (one wind, small scenes)."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
@@ -173,14 +168,15 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
     """Error, ROC curves and objects found of one image."""
-    scores, kinds = rx_scores(image[:VISIBLE_BANDS], scene.sample), scene.kinds
-    rocs = curves(scores, kinds, range(1, len(REFLECTANCES) + 1))
-    found, drawn = [], []
-    for kind, roc in enumerate(rocs, start=1):
-        own = np.where(kinds == kind, scene.made.objects, 0)
-        counted = object_curve(scores, own, roc, (kinds == 0) | (kinds == kind), pfa_max=PFA)
+    scores, kinds = rx(np.asarray(image[:VISIBLE_BANDS], np.float64), scene.sample, threads=1), scene.kinds
+    auc, found, drawn = [], [], []
+    for kind in range(1, len(REFLECTANCES) + 1):
+        own, valid = np.where(kinds == kind, scene.made.objects, 0), (kinds == 0) | (kinds == kind)
+        roc = Roc.of(scores, own, valid)
+        counted = object_curve(scores, own, roc, valid, pfa_max=PFA)
+        auc.append(roc.auc)
         found.append(np.mean([o.pfa <= PFA for o in counted.objects]) if counted.objects else math.nan)
         pfa, pd = roc.vertices
         drawn.append(pd[np.searchsorted(pfa, GRID * (1 + 1e-12), side="right") - 1])
-    whole, deep = rms_error(image, scene.truth), rms_error(image, scene.truth, scene.deep)
-    return Quality(whole, deep, np.array([roc.auc for roc in rocs]), np.array(found), np.stack(drawn))
+    whole, deep = rms_error(image, scene.made.truth), rms_error(image, scene.made.truth, scene.deep)
+    return Quality(whole, deep, np.array(auc), np.array(found), np.stack(drawn))

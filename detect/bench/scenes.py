@@ -11,19 +11,18 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint import Scene, open_scene
+from deglint.morphology import grown
 from deglint.physics.sensor import Sensor
 from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, square
 
-from .measure import Float64, Mask
+from ..arrays import Array, Float64, Int64, Mask
 
 SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
 OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
-BLURRED_EDGE = 4
-"""Width of the edge around objects [pixel] that is neither object nor background: the optics spread light there."""
+BLURRED_EDGE = 4  # width of the edge of objects that is neither object nor background [pixel]: light is spread there
 SEED = 100  # seed of the first sea
 
 
@@ -44,7 +43,7 @@ class TrueScene:
     made: SimulatedScene
     file: Path
 
-    def _radiance(self, counts: npt.NDArray[np.integer]) -> Float64:
+    def _radiance(self, counts: Array) -> Float64:
         """Radiance [W m-2 sr-1 nm-1] of the numbers in the file, (band, row, column)."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
@@ -53,11 +52,6 @@ class TrueScene:
     def raw(self) -> Float64:
         """The scene with glint and noise, as the sensor records it."""
         return self._radiance(self.made.image)
-
-    @cached_property
-    def truth(self) -> Float64:
-        """The scene without glint and noise."""
-        return self.made.truth.astype(np.float64)
 
     @cached_property
     def noisy(self) -> Float64:
@@ -82,13 +76,10 @@ class TrueScene:
         return mask
 
     @cached_property
-    def kinds(self) -> npt.NDArray[np.int64]:
+    def kinds(self) -> Int64:
         """Kind of each pixel: 0 background, 1 + index in `REFLECTANCES` for objects, -1 for the blurred edge."""
-        import cv2
-
         labels = self.made.objects.astype(np.int64)
-        around = np.ones((2 * BLURRED_EDGE + 1, 2 * BLURRED_EDGE + 1), np.uint8)
-        near = cv2.dilate((labels > 0).astype(np.uint8), around) > 0
+        near = grown(labels > 0, 2 * BLURRED_EDGE + 1)
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
 

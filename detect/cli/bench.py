@@ -44,10 +44,9 @@ def bench(out: str, **given: Any) -> None:
     from deglint.raster.targets import check_targets
 
     from ..bench import report
-    from ..bench.machine import load_now, provenance
-    from ..bench.numbers import as_json
+    from ..bench.numbers import as_json, load_now, provenance
     from ..bench.run import Effort, measure, removals
-    from ..report.plots import check_installed
+    from ..report.page import check_installed
 
     check_installed("rxdetect bench")
     targets = Path(out), Path(given["json_file"] or f"{out}.json")

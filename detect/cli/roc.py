@@ -57,8 +57,7 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     from deglint.raster.targets import check_ending, check_targets
 
     from ..report import Request, evaluate, page
-    from ..report.page import provenance, table
-    from ..report.plots import check_installed
+    from ..report.page import check_installed, provenance, table
 
     if given["report"]:
         check_installed("--report")
@@ -74,13 +73,12 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
         found = evaluate(request, console.progress)
         made = provenance(request, command_line(*scores, truth), time.perf_counter() - start, checksum)
         numbers = plain(found.numbers | {"made": made})
+        for note in numbers["notes"]:
+            log.info("note: %s", note)
         if targets:
             with Scratch(overwrite=given["overwrite"]) as scratch:
                 write_text(scratch, targets[0], page(found, made))
                 write_json(scratch, targets[1], numbers)
-        for note in numbers["notes"]:
-            log.info("note: %s", note)
-        if targets:
             log.info("%s and %s: written in %.2f s", *targets, time.perf_counter() - start)
     if given["as_json"]:
         click.echo(json.dumps(numbers, indent=2))

@@ -120,12 +120,9 @@ def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         from ..pipeline import Recipe, score_file
 
         recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if f.name in given})
-        result = score_file(
-            list(inputs), output, recipe, **options.opening(given), threads=given["threads"], cluster=cluster,
-            progress=console.progress, p_value=given["p_value"], flags=given["flags"], objects=given["objects"],
-            background=given["save_background"], chips=given["chips"], overwrite=given["overwrite"],
-            options=given["options"],
-        )
+        same = {name: given[name] for name in ("p_value", "flags", "objects", "chips", "overwrite", "options")}
+        result = score_file(list(inputs), output, recipe, **options.opening(given), **same, threads=given["threads"],
+                            cluster=cluster, background=given["save_background"], progress=console.progress)
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 # fmt: on

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rasterio.features import bounds
+from rasterio.warp import transform as warp
 
 from deglint.errors import DeglintError, InputError
 from deglint.notebook import level, stretch
@@ -18,16 +20,14 @@ from deglint.readers.grid import at
 from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
+from deglint.tiles import Tile
 
 from ..moving import FASTEST, find_moving
 from ..objects import Move, Object
 from ..sea.region import rectangle
-from .plan import Plan
-from .recipe import Outputs
 
 _EARTH = 6_371_008.8  # mean radius of the Earth [m]
-_SEARCH_MARGIN = 40
-"""Margin around an object in the search for its motion [pixel]: its contrast is relative to this water."""
+_SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
 CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
 _CHIP_MARGIN = 12  # margin around an object [pixel of the scene]
@@ -41,7 +41,6 @@ def to_wgs84(scene: Scene) -> Move | None:
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
-    from rasterio.warp import transform as warp
 
     def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         xs, ys = zip(*(at(transform, x, y) for x, y in points), strict=True)
@@ -84,18 +83,15 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     pixel, out = math.sqrt(area), list[dict[str, Any]]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:
-        rows, columns = (
-            (max(low - _SEARCH_MARGIN - reach, 0), min(high + _SEARCH_MARGIN + reach, size))
-            for (low, high), size in zip(o.bounds, (scene.height, scene.width), strict=True)
-        )
-        row, column = o.centroid[0] - rows[0], o.centroid[1] - columns[0]
-        boats = find_moving(scene.read((rows, columns), bands=bands), times, pixel=pixel)
+        near = Tile(*o.bounds[0], *o.bounds[1]).grown(_SEARCH_MARGIN + reach, scene.height, scene.width)
+        row, column = o.centroid[0] - near.row0, o.centroid[1] - near.col0
+        boats = find_moving(scene.read(near.window, bands=bands), times, pixel=pixel)
         away = [math.hypot(boat.row - row, boat.column - column) for boat in boats]
         if not boats or min(away) > reach + math.hypot(*o.footprint.shape):
             out.append({"speed_m_s": None, "heading": None})
             continue
         best = boats[away.index(min(away))]
-        x, y = columns[0] + best.column + 0.5, rows[0] + best.row + 0.5
+        x, y = near.col0 + best.column + 0.5, near.row0 + best.row + 0.5
         angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
         start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
         out.append({"speed_m_s": best.speed, "heading": distance_and_bearing(start, end)[1]})
@@ -120,40 +116,32 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
         across, up = math.sin(math.radians(angle)), -math.cos(math.radians(angle))
         centre, along, beside = move([(x, y), (x + across, y + up), (x - up, y + across)])
         unit, direction = distance_and_bearing(centre, along)
-        numbers |= {"longitude": centre[0], "latitude": centre[1]}
         length, width = length * unit, width * distance_and_bearing(centre, beside)[0]
         bearing = direction % 180 if length >= _ROUND * width else None
-        numbers |= {"length_m": length, "width_m": width}
+        numbers |= {"longitude": centre[0], "latitude": centre[1], "length_m": length, "width_m": width}
     return numbers | {"bearing": bearing}
 
 
-def write_chips(
-    plan: Plan, targets: Outputs, scores: Any, found: Sequence[Object], scratch: Scratch
-) -> list[str | None]:
-    """Write a picture (PNG) of every object into the folder of `targets`; return the names, None without a folder.
+def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object], scratch: Scratch) -> list[str]:
+    """Write a picture (PNG) of every object into a folder; return the names, which contain that of the folder.
 
     Panels from the left: the scene before glint removal, if the sidecar names its file; the scene; the scores.
     """
-    if targets.chips is None:
-        return [None] * len(found)
     import cv2
-    from rasterio.windows import Window
 
-    targets.chips.mkdir(parents=True, exist_ok=True)
-    scenes = [*_raw_of(plan.scene), plan.scene]
-    names: list[str | None] = []
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes, names = [*_raw_of(scene), scene], list[str]()
     for o in found:
-        rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, plan.scene.shape[1:], strict=True))
-        images = [scene.read((rows, columns), bands=_rgb(scene)) for scene in scenes]
-        window = Window(columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0])
-        images.append(np.stack([scores.read(1, window=window)] * 3))
+        rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, scene.shape[1:], strict=True))
+        images = [each.read((rows, columns), bands=_rgb(each)) for each in scenes]
+        images.append(np.stack([scores.read(1, window=(rows, columns))] * 3))
         panels = [stretch(image, *(level(image, percent) for percent in _STRETCH)) for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
         large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
         name = f"object_{o.label:04d}.png"
         _done, png = cv2.imencode(".png", np.hstack(large)[:, :, ::-1])
-        write_bytes(scratch, targets.chips / name, bytes(png))
-        names.append(f"{targets.chips.name}/{name}")
+        write_bytes(scratch, folder / name, bytes(png))
+        names.append(f"{folder.name}/{name}")
     return names
 
 
@@ -184,8 +172,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
     """Write a FeatureCollection as GeoJSON, or with the extension .gpkg as GeoPackage with a QGIS style (.qml).
 
-    The GeoPackage (OGC 12-128r19) has one layer, `objects`. Its coordinates are longitude and latitude if `geographic`,
-    else (column, row).
+    The GeoPackage (OGC 12-128r19) has a layer `objects`, in longitude and latitude if `geographic`, else (column, row).
     """
     if path.suffix.lower() != ".gpkg":
         write_json(scratch, path, document)
@@ -198,11 +185,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     types = {int: "INTEGER", float: "REAL"}
     columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
     srs = 4326 if geographic else -1
-    drawn = [feature["geometry"] for feature in document["features"]]
-    shapes = [[g["coordinates"]] if g["type"] == "Polygon" else list(g["coordinates"]) for g in drawn]
-    corners = [np.array([point[:2] for polygon in polygons for point in polygon[0]]) for polygons in shapes]
-    boxes = [(*places.min(axis=0).tolist(), *places.max(axis=0).tolist()) for places in corners]
-    whole = [f(b[i] for b in boxes) if boxes else None for i, f in enumerate((min, min, max, max))]
+    whole = bounds(document) if rows else (None,) * 4
     with sqlite3.connect(place) as db:
         db.executescript(sql)
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
@@ -212,19 +195,19 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
             "VALUES ('objects', 'features', 'objects', ?, ?, ?, ?, ?)", (*whole, srs),
         )  # fmt: skip
         db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
-        names = "".join(f', "{name}"' for name in columns)
-        marks = ",?" * len(columns)
         db.executemany(
-            f"INSERT INTO objects (geom{names}) VALUES (?{marks})",
-            [(_binary(polygons, srs, box), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
-             for row, polygons, box in zip(rows, shapes, boxes, strict=True)],
+            f"INSERT INTO objects VALUES (NULL, ?{', ?' * len(columns)})",
+            [(_binary(feature["geometry"], srs), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
+             for row, feature in zip(rows, document["features"], strict=True)],
         )  # fmt: skip
     db.close()
 
 
-def _binary(polygons: list[Any], srs: int, box: tuple[float, ...]) -> bytes:
-    """Geometry of a GeoPackage: header with the envelope `box` (xmin, ymin, xmax, ymax), and multi-polygon as WKB."""
-    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, box[0], box[2], box[1], box[3])
+def _binary(geometry: dict[str, Any], srs: int) -> bytes:
+    """Geometry of a GeoPackage: header with the envelope (xmin, xmax, ymin, ymax), and multi-polygon as WKB."""
+    left, low, right, high = bounds(geometry)
+    polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
+    head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, left, right, low, high)
     out = [head, struct.pack("<BII", 1, 6, len(polygons))]
     for rings in polygons:
         out.append(struct.pack("<BII", 1, 3, len(rings)))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,22 +11,18 @@ import numpy as np
 from deglint.raster.output import Scratch
 from deglint.tiles import LONGEST_SIDE, tiles
 
-from .. import objects as marking
 from .. import sea
 from ..arrays import Array, Int64
-from ..objects import Object, to_geojson
+from ..objects import Object, find_among, to_geojson
 from ..sea.region import hull, likeness, rectangle
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .features import described, motions, to_wgs84, write_chips, write_features
 from .plan import Plan
 from .recipe import Outputs
 
-Places = tuple[Int64, Int64, Array]
-"""Rows, columns and scores of pixels, in row-major order."""
-Rated = tuple[Object, str, float, float]
-"""An object, its kind, the expected number of false objects per km2, and its probability of being real."""
-CANDIDATES = 0.04
-"""Fraction of the scores that are kept for the sea, the highest ones. Fewer pixels belong to candidates."""
+Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
+Rated = tuple[Object, str, float, float]  # object, kind, expected false objects per km2, probability of being real
+CANDIDATES = 0.04  # fraction of the scores that are kept for the sea, the highest: candidates have fewer pixels
 _UNKNOWN_PIERS = 3
 """Number of false objects attached to land that are possible (at 95 %) even if none is known. It is added to the rank
 of such an object, because all up to its rank may be false, too."""
@@ -34,38 +30,34 @@ of such an object, because all up to its rank may be false, too."""
 
 def joined(parts: Sequence[Places]) -> Places:
     """Join the pixels of all tiles, in row-major order."""
-    nothing = np.zeros(0, np.int64)
-    start = (nothing, nothing, np.zeros(0, np.float32))
+    start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
 
 
+@dataclass(frozen=True, eq=False)
 class Marker:
-    """Find the threshold of scores, and mark objects.
+    """Find the threshold of scores, and mark objects."""
 
-    `scores` is the written score raster, open for reading; `tail` holds the highest scores; `beside` the pixels of the
-    sea that are attached to land, by their class: ALONGSIDE or ATTACHED of `detect.sea.region`.
-    """
+    plan: Plan
+    scores: Any  # the written score raster, open for reading
+    tail: Tail  # the highest scores
+    beside: dict[int, Places]  # pixels attached to land, by class: ALONGSIDE or ATTACHED of `detect.sea.region`
 
-    def __init__(self, plan: Plan, targets: Outputs, scores: Any, tail: Tail, beside: dict[int, Places]) -> None:
-        self._plan, self._targets, self._scores, self._tail = plan, targets, scores, tail
-        self._beside, self._attached = beside[sea.ALONGSIDE], beside[sea.ATTACHED]
-        self._options: dict[str, Any] = {
-            "min_size": plan.recipe.min_size, "merge_distance": plan.recipe.merge_distance,
-            "pixel_area": plan.pixel_area,
-        }  # fmt: skip
-        # kinds of objects that share the false alarms: afloat, and attached to land
-        self._strata = 2 if len(self._beside[0]) else 1
+    @property
+    def _strata(self) -> int:
+        """Number of kinds of objects that share the false alarms: afloat, and attached to land."""
+        return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
         """Threshold for the requested rate; on the sea from the scores without confirmed objects (the clutter)."""
-        recipe, law, tail = self._plan.recipe, self._plan.law, self._tail
+        recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
             found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
             return found.measured(tail.above(found.value), tail.n)
-        if self._plan.model is None:
+        if self.plan.model is None:
             return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
         clutter = self._clutter
         if recipe.false_per_km2 is not None:
@@ -79,17 +71,17 @@ class Marker:
     @cached_property
     def _clutter(self) -> sea.Clutter:
         """The clutter: scores of the sea without the objects that are confirmed."""
-        model, area = self._plan.model, self._tail.n * (self._plan.pixel_area or math.nan) / 1e6
+        model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
-        found = marking.find_among(*self._above(sea.LOW * model.q90, self._beside))
-        return sea.clutter_of(self._tail, found, model.q90, area=area, fine=model.side == "both")
+        found = find_among(*self._above(sea.LOW * model.q90, self.beside[sea.ALONGSIDE]))
+        return sea.clutter_of(self.tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
         found = []
-        width = self._scores.width
-        for tile in tiles(self._scores.height, width, (LONGEST_SIDE, width)):
-            scores = self._scores.read(1, window=tile.window)
+        width = self.scores.width
+        for tile in tiles(self.scores.height, width, (LONGEST_SIDE, width)):
+            scores = self.scores.read(1, window=tile.window)
             with np.errstate(over="ignore"):
                 rows, columns = np.nonzero(scores > value)
             found.append((rows + tile.row0, columns, scores[rows, columns]))
@@ -101,14 +93,15 @@ class Marker:
 
     def objects(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold; on the sea in ascending order of the expected false objects per km2."""
-        model = self._plan.model
+        model, recipe = self.plan.model, self.plan.recipe
+        options: dict[str, Any] = {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance,
+                                   "pixel_area": self.plan.pixel_area}  # fmt: skip
         if model is None:
-            found = marking.find_among(*self._above(threshold.value), **self._options)
+            found = find_among(*self._above(threshold.value), **options)
             return [(o, "anomaly", math.nan, math.nan) for o in found]
         clutter, share = self._clutter, self._strata
         low = min(sea.LOW * model.q90, threshold.value)
-        pixels = self._above(low, self._beside, self._attached)
-        afloat = marking.find_among(*pixels, above=threshold.value, **self._options)
+        afloat = find_among(*self._above(low, *self.beside.values()), above=threshold.value, **options)
         by_peaks = threshold.method == "peaks"
         if by_peaks:
             afloat = [o for o in afloat if o.score_top > threshold.value]
@@ -126,7 +119,7 @@ class Marker:
         ]
         most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
-        beside = [o for o in marking.find_among(*self._beside, **self._options) if o.score_max > dimmest]
+        beside = [o for o in find_among(*self.beside[sea.ALONGSIDE], **options) if o.score_max > dimmest]
         beside.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         for rank, o in enumerate(beside, start=1):
             rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
@@ -136,19 +129,19 @@ class Marker:
             rated.sort(key=lambda r: (r[2], -r[0].score_top))
         return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
-    def write(self, threshold: Threshold, scratch: Scratch) -> int | None:
+    def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
         """Write the objects above a threshold to a file; return their number, or None if no file is requested."""
-        if self._targets.objects is None:
+        if targets.objects is None:
             return None
         rated = self.objects(threshold)
-        found, scene = [o for o, *_ in rated], self._plan.scene
-        chips = write_chips(self._plan, self._targets, self._scores, found, scratch)
-        moved = motions(scene, self._plan.pixel_area, found) if self._plan.recipe.moving else [{}] * len(found)
+        found, scene = [o for o, *_ in rated], self.plan.scene
+        chips = write_chips(scene, targets.chips, self.scores, found, scratch) if targets.chips else [""] * len(found)
+        moved = motions(scene, self.plan.pixel_area, found) if self.plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
             feature["properties"] |= described(*r, move) | motion
             feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
             feature["properties"] |= {"chip": chip} if chip else {}
-        write_features(scratch, self._targets.objects, document, geographic=move is not None)
+        write_features(scratch, targets.objects, document, geographic=move is not None)
         return len(rated)

@@ -27,23 +27,17 @@ from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
 from ..sea import SeaModel, SeaRule
-from .recipe import WINDOW, Recipe
+from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]
-Water = tuple[WaterRule, tuple[int, ...]]
-"""Rule that finds the water, and 0-based bands of the scene that the rule needs."""
+Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
-_VISIBLE_RANGE = (400.0, 700.0)
-"""Wavelengths of the default bands of "sea" [nm]. A removal corrects them; in the NIR, which it copies, glint is
-clutter."""
+_VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]; a removal copies NIR and its glint
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
-_OTHERS: dict[str, tuple[Any, str]] = {
-    "window": (WINDOW, "local"), "border": ("shrink", "local"), "drop": (1, "subspace"),
-    "background": ("", "rx"), "covariance": ("empirical", "rx"),
-}  # fmt: skip
-"""For each option that "sea" does not have: its default, and the detector that "auto" selects for other values."""
+_OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
+"""For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # minimum number of blocks for the fit; the pixels of water must fill half of so many blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
@@ -115,7 +109,7 @@ class Plan:
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
     """Choose detector, bands, mask and tiles for a scene; fits nothing. `given` is a background fitted before."""
-    recipe, (mask, sea_mask), notes = _chosen(scene, recipe, threads)
+    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
@@ -127,50 +121,42 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         nir = tuple(bands.index(b) for b in found)
     if sea_mask is not None:
         notes.append(sea_mask[0].reason)
-    shape = tiling.tile_shape(scene.height, scene.width, len(bands), block_of(scene))
+    size = (scene.height, scene.width)
+    shape, own = tiling.tile_shape(*size, len(bands), block_of(scene)), dict[str, Any]()
     if recipe.method == "local":
         rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
-        while scene.height * scene.width < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
+        while math.prod(size) < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
             rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
         shape = rows * CELL, columns * CELL
+        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
+        own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
+        side = math.sqrt(ground_area(scene.transform, scene.crs, *size) or UNKNOWN_PIXEL**2)
+        own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
-    everything = tiling.tiles(scene.height, scene.width, shape)
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    plan = Plan(scene, recipe, bands, nir, everything, shape, at_once, mask, sea_mask, area, given, tuple(notes))
-    if recipe.method == "local":
-        ridge = recipe.ridge if recipe.covariance == "ridge" else 0.0
-        window = WindowRule(*recipe.window, (scene.height, scene.width), recipe.border, recipe.ddof, ridge)
-        return replace(plan, window=window)
-    if recipe.method == "sea":
-        pixel = math.sqrt(plan.pixel_area) if plan.pixel_area else UNKNOWN_PIXEL
-        low, high = _NIR
-        glint = tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
-        return replace(plan, sea=SeaRule(pixel, *recipe.largest_object), glint=glint)
-    return plan
+    return Plan(scene, recipe, bands, nir, tiling.tiles(*size, shape), shape, at_once, mask, sea_mask, area, given,
+                tuple(notes), **own)  # fmt: skip
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, tuple[Area | None, Water | None], list[str]]:
-    """Replace "auto" in a recipe; return the recipe, its mask (`Plan.mask` and `Plan.water`), and reasons as notes."""
+def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:
+    """Replace "auto" in a recipe; return the recipe, `Plan.mask` and `Plan.water`, and reasons as notes."""
     if recipe.method != "auto":
-        mask = recipe.mask if recipe.mask != "auto" else "water" if recipe.method == "sea" else "none"
-        recipe = replace(recipe, mask=mask)
-        return recipe, _masking(scene, recipe, threads), []
+        return *_masked(scene, recipe, threads), []
     method, why = _without_sea(recipe, len(recipe.bands or scene.bands))
     if not why:
         try:
-            searched = replace(recipe, method="sea", mask="water" if recipe.mask == "auto" else recipe.mask)
-            return searched, _masking(scene, searched, threads), ["auto: sea, since there is water to compare with"]
+            searched = replace(recipe, method="sea")
+            return *_masked(scene, searched, threads), ["auto: sea, since there is water to compare with"]
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
             why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
-    recipe = replace(recipe, method=method, mask="none" if recipe.mask == "auto" else recipe.mask)
-    return recipe, _masking(scene, recipe, threads), [f"auto: {method}, since {why}"]
+    return *_masked(scene, replace(recipe, method=method), threads), [f"auto: {method}, since {why}"]
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -186,15 +172,19 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default."""
+    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default.
+
+    The default for "sea" is the visible bands, if at least two are known; else it is all bands.
+    """
+    bands = tuple(range(len(scene.bands)))
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
     elif given is not None and given.names:
         bands = tuple(scene.index(name) for name in given.names)
     elif recipe.method == "sea":
-        bands = visible_bands(scene)
-    else:
-        bands = tuple(range(len(scene.bands)))
+        roles = band_roles(scene)
+        colours = tuple(sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None}))
+        bands = next((b for b in (_between(scene, *_VISIBLE_RANGE), colours) if len(b) > 1), bands)
     if given is not None and len(bands) != given.bands:
         raise BandError(
             f"the saved background has {given.bands} bands, the scene is to be used with {len(bands)}. "
@@ -203,27 +193,29 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
     return bands
 
 
-def _masking(scene: Scene, recipe: Recipe, threads: int) -> tuple[Area | None, Water | None]:
-    """Area to score, or rule that finds the water to score; both None: score everywhere."""
+def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None]:
+    """The recipe without the mask "auto", and the area to score or the rule that finds the water to score."""
+    if recipe.mask == "auto":
+        recipe = replace(recipe, mask="water" if recipe.method == "sea" else "none")
     if recipe.mask == "none":
-        return None, None
+        return recipe, None, None
     if recipe.mask != "water":
-        return open_area(recipe.mask, scene, "--mask"), None
+        return recipe, open_area(recipe.mask, scene, "--mask"), None
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
-        return None, known
+        return recipe, None, known
     look = overview_of(scene, nir, threads, wanted=True)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    return None, (look.water, role_bands(look.roles))
+    return recipe, None, (look.water, role_bands(look.roles))
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     """Detector to use if an option or many bands exclude "sea", and the reason; "rx" and "" if nothing excludes it."""
-    for name, (usual, method) in _OTHERS.items():
-        if getattr(recipe, name) != usual:
+    for name, method in _OTHERS.items():
+        if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
@@ -232,21 +224,15 @@ def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     return "rx", ""
 
 
-def visible_bands(scene: Scene) -> tuple[int, ...]:
-    """0-based visible bands of a scene; all bands if fewer than two are known as visible."""
-    low, high = _VISIBLE_RANGE
-    found = [i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high]
-    if len(found) < 2:
-        roles = band_roles(scene)
-        found = sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None})
-    return tuple(found) if len(found) > 1 else tuple(range(len(scene.bands)))
+def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
+    """0-based bands whose wavelength is known and lies between two wavelengths [nm]."""
+    return tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Water rule from the sidecar of `deglint remove`, and its bands; None without a valid rule for the band `nir`.
 
-    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the NIR, which the
-    removal copies.
+    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the copied NIR.
     """
     found = band_roles(scene)
     bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))
@@ -291,10 +277,8 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
 def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
     scene, blocks, nir = plan.scene, [], []
-    everything = tiling.tiles(scene.height, scene.width, (2 * _SAMPLE_BLOCK, 2 * _SAMPLE_BLOCK))
-    if len(everything) > 1:
-        everything = tiling.tiles(scene.height, scene.width, (_SAMPLE_BLOCK, _SAMPLE_BLOCK))
-    held = 0
+    block_side = _SAMPLE_BLOCK if max(scene.height, scene.width) > 2 * _SAMPLE_BLOCK else 2 * _SAMPLE_BLOCK
+    everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
         count = int(np.count_nonzero(classes == sea.WATER))

@@ -15,7 +15,6 @@ from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
 SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
-WINDOW = (5, 21)  # default sides of guard and window of local RX [pixel]
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class Recipe:
     """
 
     method: str = "auto"
-    window: tuple[int, int] = WINDOW
+    window: tuple[int, int] = (5, 21)
     border: str = "shrink"
     ddof: int = 1
     covariance: str = "empirical"

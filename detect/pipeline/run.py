@@ -28,12 +28,10 @@ from deglint.readers.scenes import files_of
 from deglint.readers.text import read_json
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
-from deglint.tiles import default_threads
 from deglint.timing import Reporter
 
 from .. import sea
 from ..background import Background
-from ..lines import LineScorer
 from ..local import STATES
 from ..threshold import Tail, Threshold
 from .features import delayed_bands
@@ -44,8 +42,7 @@ from .scoring import MEANINGS, PixelCounts, Scoring
 
 log = logging.getLogger(__name__)
 
-READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")
-"""Keywords of `score_file` that go to `deglint.open_scene`."""
+READING = ("sensor", "nodata", "bands", "wavelengths", "scale", "offset")  # keywords that go to `open_scene`
 FILES = ("p_value", "flags", "objects", "background", "chips")  # keywords of `score_file` that name output files
 _MOST_BANDS = 32  # maximum number of bands for which the sidecar contains the covariance
 _FEW_PIXELS = 10  # pixels per band below which the error of the estimated covariance raises the scores noticeably
@@ -137,7 +134,9 @@ def score_file(
         checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
-            return _run(scene, checksum, recipe, targets, threads or default_threads(), progress or Reporter(), cluster)
+            return _run(
+                scene, checksum, recipe, targets, threads or tiling.default_threads(), progress or Reporter(), cluster
+            )
 
 
 def _run(
@@ -172,9 +171,9 @@ def _run(
         threshold, found = None, None
         if tail is not None:
             with open_dataset(str(scratch.file(targets.image))) as scores:
-                marker = Marker(plan, targets, scores, tail, beside)
+                marker = Marker(plan, scores, tail, beside)
                 threshold = marker.threshold()
-                found = marker.write(threshold, scratch)
+                found = marker.write(threshold, targets, scratch)
             log.info("%s", threshold)
         if targets.background and plan.background:
             write_text(scratch, targets.background, replace(plan.background, names=plan.names).to_json() + "\n")
@@ -199,22 +198,20 @@ def _write_tiles(
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
-    lines = LineScorer() if recipe.method == "lines" else None
-    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags), lines)
-    tally, tails = PixelCounts(), list[Tail]()
-    beside: dict[int, list[Places]] = {sea.ALONGSIDE: [], sea.ATTACHED: []}
+    work = Scoring(plan, keep, bool(targets.p_value), bool(targets.flags))
+    tally, tails, beside = PixelCounts(), list[Tail](), list[dict[int, Places]]()
     with writing_all(scratch, _images(plan, targets)) as writers:
         told = partial(progress, "score")
         for tile, scored in run(plan.tiles, work, threads=plan.threads, progress=told, start=enter_thread):
             for what, writer in writers.items():
                 writer.write(getattr(scored, what), tile.window)
             tally.add(scored.tally)
-            for which, places in scored.beside.items():
-                beside[which].append(places)
+            beside += [scored.beside] if scored.beside else []
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
-    return tally, Tail.merge(tails) if tails else None, {k: joined(v) for k, v in beside.items()}
+    attached = {which: joined([each[which] for each in beside]) for which in (sea.ALONGSIDE, sea.ATTACHED)}
+    return tally, Tail.merge(tails) if tails else None, attached
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
@@ -239,9 +236,7 @@ def _describe(
     plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
 ) -> dict[str, Any]:
     """Versions, inputs, options and results of a run as plain values for JSON."""
-    recipe = asdict(plan.recipe)
-    recipe["bands"] = list(plan.names)
-    recipe["nir"] = [plan.names[b] for b in plan.nir]
+    recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
     if plan.recipe.method == "local":
         inner, outer = plan.recipe.window
         recipe["ring_pixels"] = outer * outer - inner * inner

@@ -9,12 +9,11 @@ import numpy as np
 from deglint.tiles import Tile
 
 from .. import sea
-from .. import threshold as cutting
 from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
-from ..threshold import Tail
+from ..threshold import Tail, fast_p_value
 from .mark import Places
 from .plan import Plan, read_sea
 
@@ -70,14 +69,14 @@ class Scoring:
     keep: int = 0  # number of highest scores that a tile returns
     want_p: bool = False
     want_flags: bool = False
-    lines: LineScorer | None = None
+    lines: LineScorer = field(default_factory=LineScorer)
 
     def __call__(self, tile: Tile) -> Scored:
         """Read a tile, score it, and count its pixels."""
         plan = self.plan
-        if plan.sea is not None and plan.model is not None:
-            return self._of_sea(tile, plan.sea, plan.model)
         outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
+        if plan.sea is not None and plan.model is not None:
+            return self._of_sea(tile, outer, plan.sea, plan.model)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         mask = plan.read_mask(outer)
         states = None
@@ -88,14 +87,13 @@ class Scoring:
         elif plan.ready is not None:
             scores = score(block, plan.ready, mask)
         else:  # line by line, on one thread: the statistics depend on the order of the lines
-            assert self.lines is not None
             kept = block if mask is None else np.where(mask, block, np.nan)
             scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
         found = scores.astype(np.float32, copy=False)
         tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:
-            p_values = cutting.fast_p_value(found, *plan.law).astype(np.float32)
+            p_values = fast_p_value(found, *plan.law).astype(np.float32)
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
@@ -104,11 +102,9 @@ class Scoring:
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_sea(self, tile: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
-        """Read and score a tile of the sea, and count its pixels by class."""
-        plan = self.plan
-        outer = tile.grown(plan.halo, plan.scene.height, plan.scene.width)
-        block, classes, nir = read_sea(plan, rule, outer)
+    def _of_sea(self, tile: Tile, outer: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
+        """Read and score a tile of the sea, and count its pixels by class; `outer` is the tile with its halo."""
+        block, classes, nir = read_sea(self.plan, rule, outer)
         core = tile.within(outer)
         scores = sea.score(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))

@@ -42,6 +42,11 @@ class Request:
     lower: bool = False  # low scores are anomalous
     connected: bool = False  # each connected part of the truth is one object, whatever its numbers
 
+    @property
+    def sign(self) -> float:
+        """Factor of the scores and thresholds of the input: -1 if low scores are anomalous, else 1."""
+        return -1.0 if self.lower else 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
@@ -140,7 +145,7 @@ def read_inputs(request: Request) -> Inputs:
     for path, scene in zip(scores, scenes, strict=True):
         if len(scene.bands) > 1:
             notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    arrays = [_first_band(scene) for scene in scenes]
+    arrays = [scene.read(bands=[0])[0] for scene in scenes]
     names = _names(scores)
     reasons = {"not valid in the truth": known}
     reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
@@ -159,12 +164,6 @@ def read_inputs(request: Request) -> Inputs:
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
-def _first_band(scene: Scene) -> Array:
-    """The first band of a scene, (row, column)."""
-    with raster_of(scene) as source:
-        return np.asarray(source.read(((0, scene.height), (0, scene.width)), [0])[0])
-
-
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
     """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
@@ -177,7 +176,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
     if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
         scene = open_scene(path, nodata="none")
-    marks = _first_band(scene)
+    marks = scene.read(bands=[0])[0]
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
 
@@ -231,26 +230,30 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         grid = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
         bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
                           block=request.block, pfa=grid)  # fmt: skip
-    found = None
-    if request.per_object:
-        found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=request.pfa_max)
-    sign = -1.0 if request.lower else 1.0
-    square_km = np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
+    most = request.pfa_max
+    found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=most) if request.per_object else None
+    sign, square_km = request.sign, np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
+    points: list[dict[str, Any]] = []
+    for point in map(roc.point, rates):
+        rate = point.pfa_designed
+        low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
+        points.append(asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high})
+        if found is not None:
+            alarms = count_false_alarms(scores > point.threshold, inputs.objects, inputs.valid)
+            points[-1] |= {
+                "objects_found": sum(o.score_max > point.threshold for o in found.objects),
+                "objects": len(found.objects), "false_alarms": alarms, "false_alarms_per_km2": alarms / square_km,
+            }  # fmt: skip
     worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
-    numbers = _figures(name, roc, request, bands) | {
-        "operating_points": [_point(roc, r, bands, sign) for r in rates],
-        "worst_false_alarms": [
-            {"score_max": sign * o.score_max, "pixels": o.size, "row": o.centroid[0], "column": o.centroid[1]}
-            for o in worst
-        ],
-    }
-    if inputs.grid.transform is not None:
-        for alarm in numbers["worst_false_alarms"]:
-            alarm["x"], alarm["y"] = at(inputs.grid.transform, alarm["column"] + 0.5, alarm["row"] + 0.5)
+    said: list[dict[str, Any]] = []
+    for o in worst:
+        row, column = o.centroid
+        said.append({"score_max": sign * o.score_max, "pixels": o.size, "row": row, "column": column})
+        if inputs.grid.transform is not None:
+            said[-1]["x"], said[-1]["y"] = at(inputs.grid.transform, column + 0.5, row + 0.5)
+    numbers = _figures(name, roc, request, bands) | {"operating_points": points, "worst_false_alarms": said}
     if found is not None:
-        for point in numbers["operating_points"]:
-            point |= _called(sign * point["threshold"], scores, found, inputs, square_km)
         numbers["objects"] = _objects(found, sign, square_km)
     return Judged(name, scores, roc, numbers, bands, found, tuple(worst), worst_at)
 
@@ -273,22 +276,6 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
         "average_precision": roc.average_precision,
         "three_d": roc.three_d(),
         "curve": {"pfa": pfa[keep], "pd": pd[keep]},
-    }  # fmt: skip
-
-
-def _point(roc: Roc, rate: float, bands: Bands | None, sign: float) -> dict[str, Any]:
-    """Threshold, Pfa, and Pd with its interval at a requested rate; `sign` is -1 if low scores are anomalous."""
-    point = roc.point(rate)
-    low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
-    return asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high}
-
-
-def _called(threshold: float, scores: Array, found: ObjectCurve, inputs: Inputs, square_km: float) -> dict[str, Any]:
-    """Number of objects found and number of false alarms at a threshold; `square_km` is the compared area [km2]."""
-    alarms = count_false_alarms(scores > threshold, inputs.objects, inputs.valid)
-    return {
-        "objects_found": sum(o.score_max > threshold for o in found.objects), "objects": len(found.objects),
-        "false_alarms": alarms, "false_alarms_per_km2": alarms / square_km,
     }  # fmt: skip
 
 

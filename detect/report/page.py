@@ -1,21 +1,34 @@
 """The report as text, and as one HTML page (jinja2, matplotlib) without scripts or external files."""
 
-import math
+from __future__ import annotations
+
+import io
 import os
 import platform
+from base64 import b64encode
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.resources import files
-from typing import Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from deglint import __version__
 from deglint.checksum import Checksum
+from deglint.errors import InputError
 from deglint.pipeline.outputs import versions
 
-from . import plots
-from .evaluate import Evaluation, Request
+from ..arrays import Array, Mask
+from ..roc.per_object import ObjectScore
+from .evaluate import Evaluation, Judged, Request
 
-MOST_ROWS = 200  # maximum number of objects listed on the page
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MOST_ROWS = 200  # maximum number of objects listed on the page
+_LONGEST = 640  # longest side of a scene as it is shown [pixel]
+_CUTOUT_MARGIN = 12  # margin around a false alarm [pixel]
 
 
 def render(package: str, **values: Any) -> str:
@@ -29,19 +42,10 @@ def render(package: str, **values: Any) -> str:
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
     """The complete page (HTML); `made` comes from `provenance`."""
-    bands, objects = found.detectors[0].bands, found.detectors[0].objects
-    drawn = {"roc": plots.as_uri(plots.roc_curves(found)), "precision": plots.as_uri(plots.precision_curves(found))}
-    if objects is not None:
-        drawn["objects"] = plots.as_uri(plots.object_curves(found))
-    places = [
-        (d.name, plots.as_uri(plots.scene(d, found), "png"),
-         plots.as_uri(plots.chips(d, found), "png") if d.worst else "", f"{d.worst_at.pfa:.3g}")
-        for d in found.detectors
-    ]  # fmt: skip
     return render(
-        "detect.report", found=found, numbers=found.numbers, made=made, lead=lead(found.numbers), plots=drawn,
-        interval=interval, level=f"{bands.level:.0%}" if bands else "", places=places,
-        objects=None if objects is None else _objects(found),
+        "detect.report", found=found, numbers=found.numbers, made=made, objects=_objects(found), counted=counted,
+        as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
+        object_curves=object_curves, scene=scene, chips=chips,
     )  # fmt: skip
 
 
@@ -65,31 +69,11 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
     }
 
 
-def _objects(found: Evaluation) -> tuple[list[str], list[list[str]]]:
-    """Column heads and rows of the table of objects: the smallest Pfa at which each detector finds each object."""
-    sign = -1 if found.request.lower else 1
+def _objects(found: Evaluation) -> list[list[ObjectScore]]:
+    """The score of every object for each detector; objects that a detector finds at the smallest Pfa come first."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
-    order = sorted(scored[0].values(), key=lambda o: (min(s[o.number].pfa for s in scored), o.number))
-    rows = []
-    for o in order[:MOST_ROWS]:
-        (row0, row1), (col0, col1) = o.bounds
-        rows.append([str(o.number), str(o.size), f"{(col0 + col1 - 1) / 2:g}, {(row0 + row1 - 1) / 2:g}",
-                     *(f"{s[o.number].pfa:.3g} ({sign * s[o.number].score_max:.5g})" for s in scored)])  # fmt: skip
-    return ["object", "pixels", "column, row", *(d.name for d in found.detectors)], rows
-
-
-def lead(numbers: dict[str, Any]) -> str:
-    """Summary of the detector with the largest partial AUC, in one sentence; `numbers` as in `Evaluation`."""
-    best = max(numbers["detectors"], key=lambda d: d["partial_auc"]["raw"])
-    said = f"{best['name']}: a target pixel scores higher than a background pixel with probability {best['auc']:.4f}"
-    point = min(best["operating_points"], key=lambda p: abs(math.log(p["pfa_designed"] / 1e-3)), default=None)
-    if point is not None:
-        rate, share = point["pfa_designed"], point["pd"]
-        said += f"; at a false-alarm rate of {rate:g}, {share:.1%} of the target pixels are detected"
-        if "objects_found" in point:
-            alarms = counted(point["false_alarms"], "false alarm")
-            said += f", and {point['objects_found']} of {counted(point['objects'], 'object')} are found with {alarms}"
-    return f"{said}."
+    rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
+    return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
 
 
 def table(numbers: dict[str, Any]) -> list[str]:
@@ -125,8 +109,120 @@ def counted(n: int, name: str) -> str:
     return f"{n:,} {name}{'' if n == 1 else 's'}"
 
 
-def interval(low: float | None, high: float | None, form: str = ".4f") -> str:
-    """Text of a range of numbers; "not known" where an end is None or NaN."""
-    if low is None or high is None or math.isnan(low) or math.isnan(high):
-        return "not known"
-    return f"{low:{form}} to {high:{form}}"
+def check_installed(command: str) -> None:
+    """Check that matplotlib and jinja2 are installed for a command. Raises InputError: one is missing."""
+    missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
+    if missing:
+        raise InputError(f"{command} needs {' and '.join(missing)}: pip install 'deglint[reports]'.")
+
+
+def as_uri(figure: Figure, form: str = "svg") -> str:
+    """Convert a figure to a data URI; `form` is "svg" or "png"."""
+    import matplotlib as mpl
+
+    file = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "deglint", "svg.fonttype": "none"}):
+        figure.savefig(file, format=form, bbox_inches="tight", metadata={"Date": None} if form == "svg" else None)
+    return f"data:image/{form.replace('svg', 'svg+xml')};base64," + b64encode(file.getvalue()).decode()
+
+
+def new_figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Any]]:
+    """New figure of a width and a height [inch], without a window or global state, and its panels side by side."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, list(figure.subplots(1, panels, sharey=True, squeeze=False)[0]) if panels else []
+
+
+def roc_curves(found: Evaluation) -> Figure:
+    """Plot Pd over Pfa of all detectors, with bootstrap intervals and operating points."""
+    figure, (ax,) = new_figure(9.0, 4.4)
+    low = 1 / max(len(d.roc.background) for d in found.detectors)
+    grid = np.geomspace(low, 1, 200)
+    ax.plot(grid, grid, ":", color="0.5")
+    for d in found.detectors:
+        pfa, pd = d.roc.vertices
+        at = np.sort(np.concatenate([grid, pfa[pfa >= low]]))
+        (line,) = ax.plot(at, np.interp(at, pfa, pd), label=d.name)
+        points = d.numbers["operating_points"]
+        ax.plot([p["pfa_designed"] for p in points], [p["pd"] for p in points], "o", fillstyle="none",
+                color=line.get_color())  # fmt: skip
+        if d.bands is not None:
+            ax.fill_between(d.bands.pfa, d.bands.low, d.bands.high, alpha=0.15, color=line.get_color(), linewidth=0)
+    ax.set(xscale="log", xlim=(low, 1), ylim=(0, 1.02), xlabel="Pfa: background pixels detected",
+           ylabel="Pd: target pixels detected")  # fmt: skip
+    ax.legend()
+    return figure
+
+
+def precision_curves(found: Evaluation) -> Figure:
+    """Plot precision over recall (Pd) of all detectors."""
+    figure, (ax,) = new_figure(5.0, 3.6)
+    for d in found.detectors:
+        precision, recall = d.roc.precision_recall
+        ax.plot(recall, precision, label=d.name)
+    ax.set(xlim=(0, 1), ylim=(0, 1.02), xlabel="Pd (recall)", ylabel="precision")
+    return figure
+
+
+def object_curves(found: Evaluation) -> Figure:
+    """Plot the fraction of objects found over the number of false alarms, of all detectors."""
+    figure, (ax,) = new_figure(5.0, 3.6)
+    for d in found.detectors:
+        if d.objects is not None:
+            # false alarms may merge as the threshold falls
+            cost = np.minimum.accumulate(d.objects.false_alarms[::-1])[::-1]
+            ax.step(np.maximum(cost, 0.5), d.objects.pd, where="post", label=d.name)
+    ax.set(xscale="log", ylim=(0, 1.02), xlabel="false alarms in the scene (none is drawn at 0.5)",
+           ylabel="objects found")  # fmt: skip
+    return figure
+
+
+def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
+    """Reduce scores, (row, column), for display: the maximum of each square cell; and the side of a cell [pixel].
+
+    With the maximum, small targets remain visible. NaN where no score of a cell is valid.
+    """
+    from skimage.measure import block_reduce
+
+    step = max(1, -(-max(scores.shape) // _LONGEST))
+    seen = block_reduce(np.where(valid, scores, -np.inf), step, np.max, cval=-np.inf)
+    return np.where(np.isneginf(seen), np.nan, seen), step
+
+
+def scene(d: Judged, found: Evaluation) -> Figure:
+    """Plot the scores of a scene, its objects in boxes (dashed: not found), and false alarms with their numbers."""
+    from matplotlib.patches import Rectangle
+
+    height, width = d.scores.shape
+    figure, (ax,) = new_figure(7.0, min(7.0 * height / width, 14.0) + 0.3)
+    seen, step = shrink(d.scores, found.inputs.valid)
+    extent = (0, seen.shape[1] * step, seen.shape[0] * step, 0)
+    low, high = np.nanpercentile(seen, [50, 99.9])
+    picture = ax.imshow(seen, cmap="cividis", vmin=low, vmax=high, extent=extent, interpolation="nearest")
+    sign = found.request.sign
+    figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{sign * value:.4g}")
+    for target in () if d.objects is None else d.objects.objects:
+        (top, bottom), (left, right) = target.bounds
+        style = "-" if target.score_max > d.worst_at.threshold else "--"
+        ax.add_patch(Rectangle((left, top), right - left, bottom - top, fill=False, edgecolor="w", linestyle=style))
+    for number, alarm in enumerate(d.worst, start=1):
+        row, column = alarm.centroid
+        ax.plot(column + 0.5, row + 0.5, "o", fillstyle="none", markersize=10, color="#ff8c42")
+        ax.annotate(str(number), (column, row), xytext=(6, 6), textcoords="offset points", color="#ff8c42")
+    ax.set(xlim=(0, width), ylim=(height, 0))
+    return figure
+
+
+def chips(d: Judged, found: Evaluation) -> Figure:
+    """Plot the scores around each of the worst false alarms, with the number and the maximum score as title."""
+    figure, _none = new_figure(5.0, 1.7 * -(-len(d.worst) // 3), panels=0)
+    low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
+    for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):
+        ax = figure.add_subplot(-(-len(d.worst) // 3), 3, number)
+        around = tuple(slice(max(first - _CUTOUT_MARGIN, 0), last + _CUTOUT_MARGIN) for first, last in alarm.bounds)
+        seen = np.where(found.inputs.valid[around], d.scores[around], np.nan)
+        ax.imshow(seen, cmap="cividis", vmin=low, vmax=high, interpolation="nearest")
+        ax.set(xticks=[], yticks=[])
+        ax.set_title(f"{number}: {said['score_max']:.4g}", fontsize=9)
+    return figure

@@ -16,12 +16,10 @@ doi:10.2307/2531595; by ranks, in O(n log n), as Sun, Xu (2014), IEEE Signal Pro
 doi:10.1109/LSP.2014.2337313.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -65,22 +63,11 @@ class Roc:
     left_out: int = 0
 
     @classmethod
-    def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Roc:
-        """Make the curve from scores and truth.
+    def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Self:
+        """Make the curve from scores and truth, which have the same shape.
 
-        Parameters
-        ----------
-        scores : ndarray
-            Any shape; NaN is not valid.
-        truth : ndarray of the same shape
-            A target where it is not 0; NaN is not valid.
-        valid : ndarray of bool, optional
-            True where a pixel counts.
-
-        Raises
-        ------
-        InputError
-            Shapes differ; no valid pixel, no target, no background; an infinite score; all scores equal.
+        A pixel is a target where truth is not 0. It counts where score and truth are not NaN, and `valid` is True.
+        Raises InputError: shapes differ; no target or no background is valid; a score is infinite; all are equal.
         """
         scores, truth = np.asarray(scores), np.asarray(truth)
         ok = usable(scores, truth, valid)
@@ -157,32 +144,18 @@ class Roc:
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
 
     def plot(self, ax: Any = None, *, label: str | None = None) -> Any:
-        """Draw Pd over Pfa on a logarithmic axis; needs matplotlib (`pip install 'deglint[reports]'`).
+        """Draw Pd over Pfa on a logarithmic axis of matplotlib (`pip install 'deglint[reports]'`).
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-        label : str, optional
-            Name of the detector; the AUC is added.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        InputError
-            matplotlib is not installed.
+        `ax` are the Axes, by default of a new figure; they are returned. `label` is the detector's name; the AUC is
+        added. Raises InputError: matplotlib is not installed.
         """
         try:
             import matplotlib.pyplot as plt
         except ImportError:
             raise InputError("Roc.plot needs matplotlib: pip install 'deglint[reports]'.") from None
         ax = plt.figure(figsize=(5, 4)).add_subplot() if ax is None else ax
-        pfa, pd = self.vertices
         name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
-        ax.plot(pfa, pd, label=name)
+        ax.plot(*self.vertices, label=name)
         ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),
                xlabel="observed false-alarm rate", ylabel="detected share of target pixels")  # fmt: skip
         ax.legend(loc="lower right")
@@ -256,13 +229,13 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
     one, two = (_components(s[target], s[background], r) for s, r in zip((first, second), rocs, strict=True))
-    difference, error = rocs[0].auc - rocs[1].auc, math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
+    areas = rocs[0].auc, rocs[1].auc
+    difference, error = areas[0] - areas[1], math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         z = float(np.divide(difference, error))
     p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # equal ranks
     low, high = difference - _Z * error, difference + _Z * error
-    pixels = int(np.count_nonzero(ok))
-    return Comparison((rocs[0].auc, rocs[1].auc), difference, error, z, p, low, high, pixels=pixels)
+    return Comparison(areas, difference, error, z, p, low, high, pixels=int(np.count_nonzero(ok)))
 
 
 def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:

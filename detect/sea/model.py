@@ -6,17 +6,12 @@ the correlation of z over the sea. The score is the Mahalanobis distance sqrt(z'
 the median and the 99.9 % quantile of its distances over water; the score is the maximum over the scales. Pixels that
 are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
 the statistics are computed again.
-
-Where the NIR is given, scores are divided by the usual score of water with the same NIR, relative to all water
-(`GlintScale`).
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -28,33 +23,23 @@ from ..arrays import Array, Float32, Float64, Mask
 from ..covariance import whitener
 from .region import RIM, WATER, Classes
 
-SIDES = ("bright", "both")
-"""Sign of the anomalies: only pixels brighter than the water around them, or also darker ones."""
-SEA_WINDOW = 51
-"""Side of the window of the local statistics [pixel]: several ships wide. 31 and 101 find fewer ships in real ports."""
-SCALES = (1,)
-"""Sides of the averaging windows [pixel], where a pixel is as large as a boat: larger windows would dilute the boat."""
-_FINE_SCALES = (1, 3, 5)
-"""Sides of the averaging windows [pixel], where pixels are smaller than an object: sparkle is averaged out."""
-_FINE_PIXEL = 5.0
-"""Pixels with a shorter side are smaller than a boat [m]. With them, submerged (dark) objects are searched, too."""
+SIDES = ("bright", "both")  # anomalies: only pixels brighter than the water around them, or also darker ones
+SEA_WINDOW = 51  # side of the window of local statistics [pixel]: several ships; 31 and 101 find fewer in real ports
+SCALES = (1,)  # sides of the averaging windows [pixel], where a pixel is as large as a boat: larger ones dilute it
+_FINE_SCALES = (1, 3, 5)  # the same where pixels are smaller than an object: sparkle is averaged out
+_FINE_PIXEL = 5.0  # pixels with a shorter side are smaller than a boat [m]; submerged (dark) objects are searched, too
 _ROUNDS = 3  # number of times that the statistics are computed
-_CUT = 6.0
-"""Pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels."""
+_CUT = 6.0  # pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
 _FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
 _RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
-_CLASSES = 32
-"""Number of classes of the NIR. Each class has 3 % of the pixels: hundreds, even in a small scene."""
-_USUAL = 0.75
-"""Quantile of the scores of a class that is its usual score. Objects on less than a quarter of the pixels do not change
-it."""
+_CLASSES = 32  # number of classes of the NIR; each has 3 % of the pixels: hundreds, even in a small scene
+_USUAL = 0.75  # quantile of a class's scores that is its usual score: objects on less than a quarter do not change it
 _LAST_FACTOR = 0.9
 """Quantile of the NIR above which the divisor is constant: there, boats and swimmers are as bright as glint. On a
 simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
-_REACH = 3
-"""Side of the window over which the maximum of the NIR is taken [pixel]: waves move by about a pixel between bands."""
+_REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move by about a pixel between bands
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +58,7 @@ class GlintScale:
     factor: Float64  # (class,): divisor: usual score of the class / usual score of all water; does not decrease
 
     @classmethod
-    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> GlintScale:
+    def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
         """Fit the scale to blocks of a scene: NIR, (band, row, column), scores and mask of water, (row, column)."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
@@ -127,10 +112,7 @@ class SeaModel:
 
     def numbers(self) -> dict[str, Any]:
         """Numbers of the model for the sidecar."""
-        return {
-            "centre": self.centre.tolist(), "spread": self.spread.tolist(), "window": SEA_WINDOW,
-            "scales": list(self.scales), "side": self.side, "q90": self.q90,
-        }  # fmt: skip
+        return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
 def fit(

@@ -3,8 +3,7 @@
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
 are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers. A
-hole next to land counts as part of the land. A part with land at both ends counts as a piece of a bridge, a bar or a
-front of turbid water.
+hole next to land counts as part of the land. A part with land at both ends counts as a bridge, a bar or turbid water.
 """
 
 import math
@@ -24,17 +23,11 @@ NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE, ATTACHED = 0, 1, 2, 3, 4, 5
 that a ship may fill. ALONGSIDE: protrusions of the land with the shape of a ship. ATTACHED: holes of the size of a ship
 next to land, which count as clutter."""
 LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
-MOST = 128
-"""Maximum length of a hole [pixel]. In fine pixels, larger holes are land or a moored ship. The limit keeps the halo of
-tiles small."""
-_SHORTEST = 50.0
-"""Minimum length of a ship alongside [m]: five pixels of 10 m. Shorter protrusions have no measurable shape."""
-_FILL = 0.55
-"""Minimum fraction of its smallest rectangle that a ship fills. A hull fills 0.7 to 0.9, less if it has few pixels."""
-_ELONGATION = 1.8
-"""Minimum ratio of length to width of a ship. Ships have 4 to 8; the blur of a pixel lowers the ratio."""
-_ATTACHED_WITHIN = 2
-"""A part is attached to land up to this distance [pixel]: a single pixel between them is mixed, not certain water."""
+MOST = 128  # maximum length of a hole [pixel], which limits the halo of tiles: larger ones are land or moored ships
+_SHORTEST = 50.0  # minimum length of a ship alongside [m]: with fewer than five pixels of 10 m, no shape is measurable
+_FILL = 0.55  # minimum fraction of its smallest rectangle that a ship fills; hulls fill 0.7 to 0.9, small ones less
+_ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to 8, the blur of a pixel lowers the ratio
+_ATTACHED_WITHIN = 2  # largest distance of an attached part from land [pixel]: a pixel between them is mixed
 _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
 second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay. For the sides, all
@@ -77,8 +70,7 @@ class SeaRule:
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
     """Classify pixels as NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED; all arrays are (row, column).
 
-    The water mask has holes at floating objects, as `deglint.masks.water` returns it. Pixels that are not `valid` are
-    neither water nor land.
+    The mask of water has holes at floating objects. Pixels that are not `valid` are neither water nor land.
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid

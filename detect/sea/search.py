@@ -101,12 +101,13 @@ class Clutter:
 
     def threshold(self, pfa: float) -> Threshold:
         """Threshold that a fraction `pfa` of the clutter pixels exceeds."""
-        note = f"large, bright objects are left out of the fit: {self.confirmed} ({self.confirmed_pixels} pixels)"
         found = from_tail(self.tail, pfa)
+        notes, left_out = [*found.notes], f"{self.confirmed} ({self.confirmed_pixels} pixels)"
         if pfa * self.tail.n < 1:
-            one = f"less than one pixel of {self.tail.n}"
-            found = replace(found, notes=(*found.notes, f"the rate is extrapolated: {pfa:g} is {one}"))
-        return replace(found, notes=(*found.notes, note)) if self.confirmed else found
+            notes.append(f"the rate is extrapolated: {pfa:g} is less than one pixel of {self.tail.n}")
+        if self.confirmed:
+            notes.append(f"large, bright objects are left out of the fit: {left_out}")
+        return replace(found, notes=tuple(notes))
 
 
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
