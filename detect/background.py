@@ -135,13 +135,29 @@ def fit(
     image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
     names: Sequence[str] = (), threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit a background to an array, (band, row, column), of any real type.
+    """Fit a background to an array, (band, row, column).
 
-    The mask, (row, column), is True where a pixel belongs to the background; by default all pixels belong to it. Pixels
-    with NaN or infinity in any band are excluded. `covariance` is one of `COVARIANCES`; "ridge" adds the share `ridge`
-    of each band's variance to it. `names`, of the bands, are stored in the background. The result does not depend on
-    the number of threads, by default all processors. Raises FitError: fewer than two pixels are valid, or the squares
-    of the values exceed double precision. Raises InputError: covariance or ridge is not allowed, or shapes differ.
+    Parameters
+    ----------
+    image : (band, row, column) ndarray
+        Any real type; pixels with NaN or infinity in any band are excluded.
+    mask : (row, column) bool ndarray, optional
+        True where a pixel belongs to the background; by default all valid pixels belong to it.
+    covariance : str
+        Estimator of the covariance, one of `COVARIANCES`.
+    ridge : float
+        For "ridge": this share of each band's variance is added to it.
+    names : sequence of str
+        Names of the bands, to store in the background.
+    threads : int, optional
+        Number of threads, by default all processors. The result does not depend on it.
+
+    Raises
+    ------
+    FitError
+        Fewer than two pixels are valid, or the squares of the values exceed double precision.
+    InputError
+        The covariance or the ridge is not allowed, or the shapes of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

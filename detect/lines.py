@@ -50,8 +50,20 @@ class LineScorer:
     def score(self, line: npt.ArrayLike) -> Float32:
         """Squared Mahalanobis distance of every pixel of a line from the lines before; then the line is added to them.
 
-        The line is (band, column), NaN where not valid. The scores, (column,), are NaN where not valid, and until the
-        statistics have enough pixels. Raises InputError: the line has another shape, or another number of bands.
+        Parameters
+        ----------
+        line : (band, column) array
+            NaN where not valid.
+
+        Returns
+        -------
+        (column,) ndarray of float32
+            NaN where not valid, and until the statistics have enough pixels.
+
+        Raises
+        ------
+        InputError
+            The line is not (band, column), or the number of bands changes.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
@@ -83,8 +95,12 @@ class LineScorer:
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
-    """Yield the scores, (column,), of successive lines, (band, column) each; see `LineScorer.score`.
+    """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
 
-    `memory` is the time constant of the exponential averages [line].
+    Parameters
+    ----------
+    lines : iterable of (band, column) array
+    memory : int
+        Time constant of the exponential averages [line].
     """
     yield from map(LineScorer(memory).score, lines)

@@ -248,9 +248,13 @@ def subspace_rx(
 def residual_rx(
     image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
-    """RX of the residuals of the bands after regression on the 0-based bands `nir`; other parameters as `rx`.
+    """RX of the residuals of the bands after regression on reference bands; other parameters as `rx`.
 
-    The score is RX on all bands minus RX on the bands `nir` alone: anomalies that only these show do not count.
+    Parameters
+    ----------
+    nir : sequence of int
+        0-based reference bands. The score is RX on all bands minus RX on the reference bands alone: anomalies that
+        only the reference bands show do not count.
     """
     return _run("residual", image, background, mask, nir=nir)
 

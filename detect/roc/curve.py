@@ -64,10 +64,21 @@ class Roc:
 
     @classmethod
     def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Self:
-        """Make the curve from scores and truth, which have the same shape.
+        """Make the curve from scores and truth.
 
-        A pixel is a target where truth is not 0. It counts where score and truth are not NaN, and `valid` is True.
-        Raises InputError: shapes differ; no target or no background is valid; a score is infinite; all are equal.
+        Parameters
+        ----------
+        scores : ndarray
+            Any shape; NaN is not valid.
+        truth : ndarray of the same shape
+            A target where it is not 0; NaN is not valid.
+        valid : ndarray of bool, optional
+            True where a pixel counts.
+
+        Raises
+        ------
+        InputError
+            Shapes differ; no valid pixel, no target, no background; an infinite score; all scores equal.
         """
         scores, truth = np.asarray(scores), np.asarray(truth)
         ok = usable(scores, truth, valid)
@@ -144,10 +155,23 @@ class Roc:
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
 
     def plot(self, ax: Any = None, *, label: str | None = None) -> Any:
-        """Draw Pd over Pfa on a logarithmic axis of matplotlib (`pip install 'deglint[reports]'`).
+        """Draw Pd over Pfa on a logarithmic axis; needs matplotlib (`pip install 'deglint[reports]'`).
 
-        `ax` are the Axes, by default of a new figure; they are returned. `label` is the detector's name; the AUC is
-        added. Raises InputError: matplotlib is not installed.
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        label : str, optional
+            Name of the detector; the AUC is added.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError
+            matplotlib is not installed.
         """
         try:
             import matplotlib.pyplot as plt
