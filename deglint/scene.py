@@ -107,9 +107,12 @@ class Scene:
         return shown(repr(self), [*rows, *(("note", note) for note in self.notes)], picture)
 
     def middle(self) -> FloatArray | None:
-        """Red, green and blue, (3, row, column), of the central part of the scene, for a small picture.
+        """Red, green and blue of the central part of the scene, for a small picture; None if it cannot be read.
 
-        At most `MIDDLE` rows and columns; None if they cannot be read.
+        Returns
+        -------
+        (3, row, column) ndarray or None
+            At most `MIDDLE` rows and columns.
         """
         rows, columns = ((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
         try:
@@ -164,7 +167,10 @@ class Scene:
     def index(self, band: int | str) -> int:
         """0-based index of a band given by 0-based index or by name (case does not matter).
 
-        Raises BandError: there is no such band; the message lists the bands.
+        Raises
+        ------
+        BandError
+            No such band; the message lists the bands.
         """
         names = [name.casefold() for name in self.names]
         if isinstance(band, str):

@@ -91,8 +91,13 @@ def names() -> tuple[str, ...]:
 def load(name: str) -> Sensor:
     """The sensor preset with this name or alias (case, blanks and punctuation do not matter).
 
-    InputError, which lists the choices, if there is none.
+    Raises
+    ------
+    InputError
+        No such preset; the message lists the choices.
 
+    Examples
+    --------
     >>> load("WorldView-3").bands[6].wavelength
     832.5
     """

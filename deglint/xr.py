@@ -209,7 +209,12 @@ def stack(dataset: Any) -> Any:
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
     If the wavelengths of at least two variables are known, only these variables are bands: classes and masks are left
-    out. Raises InputError: the variables differ in their dimensions.
+    out.
+
+    Raises
+    ------
+    InputError
+        The variables differ in their dimensions.
     """
     names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:

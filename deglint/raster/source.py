@@ -91,10 +91,26 @@ class RasterSource:
             dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values of 0-based bands in a window, (band, row, column); NaN where not valid or not finite.
+        """Physical values of a window.
 
-        They are float32, or float64 where the files need it. InputError if the window reaches outside the scene;
-        ReadError if the file is truncated or damaged, or if this source is closed.
+        Parameters
+        ----------
+        window : ((row0, row1), (col0, col1))
+            Half-open ranges inside the scene.
+        bands : sequence of int
+            0-based bands of the scene.
+
+        Returns
+        -------
+        (len(bands), rows, columns) ndarray
+            float32, or float64 where the files need it; NaN where not valid or not finite.
+
+        Raises
+        ------
+        InputError
+            The window reaches outside the scene.
+        ReadError
+            The file is truncated or damaged, or this source is closed.
         """
         raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))

@@ -58,11 +58,16 @@ class ArrayScene:
 def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
     """Open a DataArray as a scene; no pixel is computed.
 
-    array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
-        order; other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are
-        read from coordinates or attributes.
-    sensor : name of a preset, as in `deglint.open_scene`
-    nodata : nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid
+    Parameters
+    ----------
+    array : DataArray
+        Its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any order;
+        other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are read
+        from coordinates or attributes.
+    sensor : str, optional
+        Name of a preset, as in `deglint.open_scene`.
+    nodata : float or "none", optional
+        Nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")

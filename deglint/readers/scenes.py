@@ -222,11 +222,15 @@ class ListedScene:
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
     """List the scenes that arguments of a command name, in their order.
 
-    given : GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of
-        local files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
-        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``)
-    assets : keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as
-        bands, else the only raster with the role "data", else the only raster.
+    Parameters
+    ----------
+    given : sequence of str
+        GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
+        files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
+        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
+    assets : sequence of str
+        Keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as bands,
+        else the only raster with the role "data", else the only raster.
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
