@@ -254,10 +254,10 @@ def test_flashes_that_grow_and_fade_through_all_bands_are_no_targets():
     image = clean + glint * irradiance(WAVELENGTHS, 40.0).direct[:, None, None]
     image = (image + 3e-4 * rng.standard_normal(clean.shape)).astype(np.float32)
     state, stage = fitted(image, scene()[1])
-    found, without = ((s.apply(state).targets > 0).any(axis=0) for s in (stage, replace(stage, lasting=0.0)))
+    found, without = ((s.apply(state).targets > 0).any(axis=0) for s in (stage, replace(stage, flash_share=0.0)))
     away = np.ones_like(boat)
     away[75:90, 35:49] = False
-    assert 0.003 < stage.lasting < 0.06  # 1600 pixels of flashes are 6 %
+    assert 0.003 < stage.flash_share < 0.06  # 1600 pixels of flashes are 6 %
     assert found[away].mean() < 1e-4 < 1e-3 < without[away].mean()
     assert found[boat].mean() > 0.9
 

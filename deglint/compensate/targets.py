@@ -49,11 +49,11 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
-MANY, UNEXPLAINED, LIKELIER = 0.003, 5.0, 0.7
-"""`MANY`: share of water above which detections may be lasting flashes (0.4 to 3 %); 0.3 % is a boat on each hectare.
-`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `LIKELIER`: the
-mean log likelihood ratio of flash and target in these pixels, within +- `UNEXPLAINED`, is above this (a factor of two)
-where flashes last: 1.2 to 2.6; for boats, swimmers and whitecaps it is -0.4 to 0.3."""
+MANY_FOUND, UNEXPLAINED, LIKELIER = 0.003, 5.0, 0.7
+"""`MANY_FOUND`: share of water above which detections may be flashes that last (0.4 to 3 %); 0.3 % is a boat on each
+hectare. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `LIKELIER`:
+the mean log likelihood ratio of flash and target in these pixels, within +- `UNEXPLAINED`, is above this (a factor of
+two) where flashes last: 1.2 to 2.6; for boats, swimmers and whitecaps it is -0.4 to 0.3."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
@@ -84,7 +84,7 @@ class Targets:
     water: Sequence[float] = ()  # radiance of water over `light`
     glint: Sequence[float] = ()  # relative radiance of glint over `light`
     time: Sequence[float] = ()  # time offset [s]
-    lasting: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
+    flash_share: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
     full: Sequence[float] = ()  # value from which a band is saturated; empty if the bands span more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
@@ -145,8 +145,8 @@ class Targets:
         """S and index of the most likely spectrum, each (pixel,), of excesses `e` (band, pixel)."""
         target, flash, kind = likelihoods(e, self.models, self.flashes)
         other = self.sparkle(e)
-        if self.lasting:
-            other = np.logaddexp(other, np.float32(np.log(self.lasting)) + flash)
+        if self.flash_share:
+            other = np.logaddexp(other, np.float32(np.log(self.flash_share)) + flash)
         return target - other, kind
 
 
@@ -296,7 +296,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     share = found_share(stage, blocks, sample)
-    if share > MANY:
+    if share > MANY_FOUND:
         stage = with_flashes(stage, [e[:, m] for e, m in zip(planes, sample.inside, strict=True)])
         share = found_share(stage, blocks, sample)
     if share > COMMON:
@@ -329,14 +329,14 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 
 
 def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
-    """The stage with `lasting`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
+    """The stage with `flash_share`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
     e, least = np.concatenate(sample, axis=1), EXCEEDS * np.array(stage.noise, np.float32)[:, None]
     lit = e[:, (e > least).all(axis=0)]
     target, flash, _kind = likelihoods(lit, stage.models, stage.flashes)
     steady = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
     ratio = np.clip(flash - target, -UNEXPLAINED, UNEXPLAINED)[steady]
     frequent = ratio.size > 0 and ratio.mean() > LIKELIER
-    return replace(stage, lasting=float((ratio > 0).sum() / e.shape[1])) if frequent else stage
+    return replace(stage, flash_share=float((ratio > 0).sum() / e.shape[1])) if frequent else stage
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
