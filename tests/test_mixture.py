@@ -24,7 +24,7 @@ def faint_glint(seed=0, shape=(192, 256)):
 
 def fitted(block):
     every = np.ones(block.shape[1:], bool)
-    return mixture.fit(nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], 1.0)
+    return mixture.fit(nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], 0.02)
 
 
 def test_an_object_under_a_clump_of_glint_does_not_draw_the_kernels():
@@ -37,11 +37,22 @@ def test_an_object_under_a_clump_of_glint_does_not_draw_the_kernels():
     assert among == pytest.approx(alone, rel=0.1)
 
 
+def test_the_level_is_that_of_the_pixels_without_glint():
+    block, glint = faint_glint()
+    calm = glint == 0
+    every = np.ones_like(calm)
+    model = mixture.fit(
+        nir_request(BANDS, [2], regression="detrended"), [SampleTile(block, every, every)], float(calm.mean())
+    )
+    water = np.median(remove.apply(block, model)[:, calm], axis=1)
+    assert water[:2] == pytest.approx([100, 50], abs=0.5)
+
+
 def test_the_level_is_raised_by_what_is_cut():
     block, _ = faint_glint()
     every = np.ones(block.shape[1:], bool)
     tiles, request = [SampleTile(block, every, every)], nir_request(BANDS, [2], regression="detrended")
-    plain, raised = (remove.apply(block, mixture.fit(request, tiles, 1.0, cut)) for cut in (None, (2.0, 1.0, 0.0)))
+    plain, raised = (remove.apply(block, mixture.fit(request, tiles, 0.02, cut)) for cut in (None, (2.0, 1.0, 0.0)))
     assert (raised - plain).mean(axis=(1, 2)) == pytest.approx([2, 1, 0], abs=1e-3)
 
 

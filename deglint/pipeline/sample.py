@@ -40,9 +40,6 @@ from .outputs import log
 from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Mask, Sampler, role_bands
 from .recipe import smallest_object
 
-LEAST_PERCENTILE = 0.5
-"""Percentile of the glint index that is taken as glint-free if glint covers the whole sample [%]: nearly the minimum,
-to allow for noise. Otherwise the glint-free value is the median of the pixels without glint."""
 HALO = 64  # halo around a training tile, for windows, kernels and clumps of its first stages [pixel]
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
@@ -171,10 +168,9 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
     tiles = [t.as_sample(image) for t, image in zip(training, images, strict=True)]
     background = next((stage for stage in reversed(chain.before) if isinstance(stage, Background)), None)
     if background is not None:
-        percentile = max(50 * background.clear, LEAST_PERCENTILE)
         replaced = any(isinstance(stage, ReplaceLevel) for stage in chain.before)
         inner = offshore(tiles, background.size)
-        return mixture.fit(job.request, inner, percentile, background.cut if replaced else None)
+        return mixture.fit(job.request, inner, background.clear, background.cut if replaced else None)
     request = replace(_of_kernels(job), faint=chain.text != "remove")
     if request.faint:  # the posterior mean follows
         request = replace(request, more=more_references(request, tiles))
