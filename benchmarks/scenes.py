@@ -100,6 +100,10 @@ QUICK = {
 }
 
 
+FOAM = 2  # label of foam in `_cover`
+WITHOUT_FOAM = 1.1  # largest NIR of water without foam, over the level of the water: foam in 0.1 % of a pixel adds more
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """A scene's file, its truth, the water's level in each band, pixels that count and bands that are judged."""
@@ -122,8 +126,10 @@ class Known:
                 counts, level = given.read(2) > 0, np.array(json.loads(given.tags()["level"]))
         cover = path.with_name(f"{path.stem}_cover.tif")
         if cover.exists():  # foam and boats are no open water, nor are the pixels that optics blur them into
-            covered = (open_scene(cover).read() > 0).any(axis=0).astype(np.uint8)
-            counts = cv2.dilate(covered, np.ones((9, 9), np.uint8)) == 0
+            covers = open_scene(cover).read()
+            counts = cv2.dilate((covers > 0).any(axis=0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+            if (covers == FOAM).any():  # less of it than half a pixel is not marked, and is part of the truth
+                counts &= truth[-1] <= WITHOUT_FOAM * level[-1]
         visible = tuple(i for i, b in enumerate(bands) if b.wavelength and b.wavelength < VISIBLE)
         return cls(path, truth, level, counts, visible or tuple(range(len(bands) - 1)))
 
