@@ -88,7 +88,13 @@ def check_choice(value: Any, known: list[str], name: str) -> None:
 
 def check_number(value: Any, low: float, high: float, name: str) -> None:
     """Check that a value is a number from `low` to `high`; if not, raise InputError."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not low <= float(value) <= high:
+    try:
+        inside = isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high
+    except OverflowError:
+        raise InputError(
+            f"{name}: want a number from {low:g} to {high:g}, got an integer beyond double precision."
+        ) from None
+    if not inside:
         raise InputError(f"{name}: want a number from {low:g} to {high:g}, got {described(value)}.")
 
 
