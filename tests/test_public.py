@@ -102,7 +102,7 @@ ARRAY = np.ones((4, 20, 20), np.float32)
         (lambda s: deglint.open_scene(s.path, senosr="x"), "did you mean 'sensor'?"),
         (lambda s: deglint.open_scene(ARRAY), "Arrays go to deglint.fit and deglint.apply"),
         (lambda s: deglint.open_scene(s.path, nodata="x"), "want a number from -inf to inf, got 'x'"),
-        (lambda s: deglint.open_scene(s.path, nodata=10**5000), "want a number from -inf to inf, got an integer beyond"),
+        (lambda s: deglint.open_scene(s.path, nodata=10**5000), "got an integer beyond double precision"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", flag="f.tif"), "did you mean 'flags'?"),
         (lambda s: deglint.remove_glint(s.path, ARRAY), "image: want a file name, got an array"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: want a number from 1 to 1024, got 0"),
