@@ -24,6 +24,7 @@ from deglint.pipeline import Fitted
 from deglint.raster.simulated import write_scene
 from deglint.simulate import Setup, SubmergedObject, simulate
 from deglint.simulate.artefacts import Artefacts, Kernel
+from deglint.simulate.cover import FOAM
 
 from .files import DATA, values
 
@@ -100,7 +101,6 @@ QUICK = {
 }
 
 
-FOAM = 2  # label of foam in `_cover`
 WITHOUT_FOAM = 1.1  # largest NIR of water without foam, over the level of the water: foam in 0.1 % of a pixel adds more
 
 

@@ -203,6 +203,13 @@ def test_serialised_it_finds_the_same():
     assert np.array_equal(again.apply(state).targets, stage.apply(state).targets)
 
 
+def test_saved_before_flashes_were_known_it_finds_the_same():
+    image, clean, _ = scene("red")
+    state, stage = fitted(image, clean)
+    saved = {k: v for k, v in asdict(stage).items() if k not in ("glint", "time", "flash_share")}
+    assert np.array_equal(Targets(**saved).apply(state).targets, stage.apply(state).targets)
+
+
 def test_bands_in_another_order_give_the_same():
     image, clean, _ = scene("blue")
     state, stage = fitted(image, clean, GROUPS)

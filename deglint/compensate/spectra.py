@@ -4,7 +4,7 @@ Targets are painted (their spectra have edges), or grey and under 0 to 5 m of wa
 eight bands do not resolve their details.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -127,21 +127,36 @@ def brightness(e: Float32) -> Places:
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 
-def likelihoods(e: Float32, of_targets: list[Model], of_flashes: list[Flash]) -> tuple[Float32, Float32, Places]:
-    """Log likelihoods of a target and of a flash, and index of the target's likeliest spectrum, (pixel,) each.
+def target_likelihoods(e: Float32, of_targets: list[Model]) -> tuple[Float32, Places]:
+    """Log likelihood of a target, and index of its likeliest spectrum, (pixel,) each.
 
     e : (band, pixel), excess over the background [`Targets.light`]
-    of_targets, of_flashes : from `models` and `flashes`
+    of_targets : from `models`
     """
-    level, (row, column) = brightness(e), np.triu_indices(len(e))
-    (target, flash), kind = np.empty((2, len(level)), np.float32), np.empty(len(level), np.intp)
-    for n in np.unique(level):
-        i, (form, constant, _), (flash_form, flash_constant) = np.flatnonzero(level == n), of_targets[n], of_flashes[n]
-        x = e[:, i] * np.float32(0.5**n)
-        x = x[row] * x[column]
+    likelihood, kind = np.empty(e.shape[1], np.float32), np.empty(e.shape[1], np.intp)
+    for n, i, x in _pairs(e):
+        form, constant, _ = of_targets[n]
         p = constant - form @ x
-        target[i], kind[i], flash[i] = p.max(axis=0), p.argmax(axis=0), flash_constant - flash_form @ x
-    return target, flash, kind
+        likelihood[i], kind[i] = p.max(axis=0), p.argmax(axis=0)
+    return likelihood, kind
+
+
+def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
+    """Log likelihood of a flash, (pixel,); `e`: as for `target_likelihoods`, `of_flashes`: from `flashes`."""
+    likelihood = np.empty(e.shape[1], np.float32)
+    for n, i, x in _pairs(e):
+        form, constant = of_flashes[n]
+        likelihood[i] = constant - form @ x
+    return likelihood
+
+
+def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
+    """For each brightness: its exponent, the pixels that have it, and the products of their bands, (pair, pixel)."""
+    level, (row, column) = brightness(e), np.triu_indices(len(e))
+    for n in np.unique(level):
+        i = np.flatnonzero(level == n)
+        x = e[:, i] * np.float32(0.5**n)
+        yield int(n), i, x[row] * x[column]
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:

@@ -31,7 +31,8 @@ from ..moments import Float64
 from ..morphology import grown
 from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
-from .spectra import Flash, Model, Places, contrast, flashes, likelihoods, models, same_outline
+from . import spectra
+from .spectra import Flash, Model, Places
 from .state import Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
@@ -113,12 +114,12 @@ class Targets:
     @property
     def models(self) -> list[Model]:
         """Models of targets for each brightness (see `spectra.models`)."""
-        return models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
+        return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
     @property
     def flashes(self) -> list[Flash]:
         """Models of flashes that last, for each brightness."""
-        return flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)))
+        return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)))
 
     @cached_property
     def _steps(self) -> Float32:
@@ -143,9 +144,10 @@ class Targets:
 
     def score(self, e: Float32) -> tuple[Float32, Places]:
         """S and index of the most likely spectrum, each (pixel,), of excesses `e` (band, pixel)."""
-        target, flash, kind = likelihoods(e, self.models, self.flashes)
+        target, kind = spectra.target_likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
+            flash = spectra.flash_likelihoods(e, self.flashes)
             other = np.logaddexp(other, np.float32(np.log(self.flash_share)) + flash)
         return target - other, kind
 
@@ -232,7 +234,7 @@ class Excess:
         """Log likelihood ratio of target and sparkle around some pixels: a target has the same outline in all bands."""
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
-        return same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
+        return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
         """Flat indices of pixels, and the contrast to restore there, (band, pixel). Beside targets (`OUTLINE_REACH`) it
@@ -246,7 +248,7 @@ class Excess:
         if not places.size:
             return places, np.zeros((len(self.raw), 0), np.float32)
         e = self.at(places)
-        full = contrast(e, kind.flat[places], self.stage.models)
+        full = spectra.contrast(e, kind.flat[places], self.stage.models)
         away, label = cv2.distanceTransformWithLabels(
             (~on).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
         )
@@ -332,7 +334,7 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
     """The stage with `flash_share`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
     e, least = np.concatenate(sample, axis=1), EXCEEDS * np.array(stage.noise, np.float32)[:, None]
     lit = e[:, (e > least).all(axis=0)]
-    target, flash, _kind = likelihoods(lit, stage.models, stage.flashes)
+    target, flash = spectra.target_likelihoods(lit, stage.models)[0], spectra.flash_likelihoods(lit, stage.flashes)
     steady = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
     ratio = np.clip(flash - target, -UNEXPLAINED, UNEXPLAINED)[steady]
     frequent = ratio.size > 0 and ratio.mean() > LIKELIER
