@@ -184,7 +184,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
     if transform is None or crs is None or transform.is_identity:
         return None
-    x, y = transform * (0.5 * width, 0.5 * height)
+    x, y = at(transform, 0.5 * width, 0.5 * height)
     steps = (transform.a, transform.d), (transform.b, transform.e)
     xs, ys = zip(*((x + end * dx, y + end * dy) for dx, dy in steps for end in (-0.5, 0.5)), strict=True)
     try:

@@ -22,7 +22,7 @@ _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is in micrometres
 _WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
-SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag can be a wavelength in this range [nm]
+SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag or a name can be a wavelength in this range [nm]
 _WIDEST_FILLED_TYPE = 16  # detectors fill the range of integers of up to so many bits
 Spectral = tuple[float | None, float | None]
 """Centre wavelength and full width at half maximum of a band [nm]; None if not known."""
@@ -181,8 +181,8 @@ def wavelength_in_name(name: str) -> float | None:
     """
     text = name.strip().lower()
     if spelled := _WITH_UNIT.search(text):
-        value = float(spelled[1]) * (1 if spelled[2].startswith("n") else 1000)
-        return round(value, 6) if 100 <= value <= 20000 else None
+        value = nanometres(float(spelled[1]), spelled[2])
+        return value if value is not None and SPECTRAL_RANGE[0] <= value <= SPECTRAL_RANGE[1] else None
     if bare := _BARE.fullmatch(text):
         number = float(bare[2])
         if number < 3:
