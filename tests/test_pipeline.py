@@ -185,6 +185,9 @@ def test_a_saved_model_goes_onto_another_scene(deglint, sea, write, read, tmp_pa
     np.testing.assert_allclose(read(tmp_path / "b.tif"), expected, atol=0.51)
     said = json.loads((tmp_path / "b.tif.json").read_text())
     assert [f["slope"] for f in said["model"]["fits"]] == [f.slope for f in fitted.fits]
+    ran = deglint("remove", second, tmp_path / "d.tif", "--mask", "none", "--model", model, "-b", "nope")
+    assert ran.code == 1
+    assert "no band 'nope'" in ran.err
     again = tmp_path / "again.json"
     assert (
         deglint("remove", second, tmp_path / "c.tif", "--mask", "none", "--model", model, "--save-model", again).code

@@ -283,9 +283,9 @@ def correction(
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
-    changed = {f.band for f in fitted.model.fits}
+    changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}
     if fitted.chain.replaces:
-        changed = {find_band(scene, b) for b in fitted.recipe.bands} or set(range(len(scene.bands)))
+        changed = named or set(range(len(scene.bands)))
     work = Correction(
         scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
         fitted.water_bands, sorted(changed), bool(targets and targets.flags), bool(targets and targets.amount),

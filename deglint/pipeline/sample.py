@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .. import tiles as tiling
 from ..choose import Choice, choose, without_ships
@@ -323,7 +322,7 @@ def _reached(
     return numbers, note, [] if met else [f"the tolerance {tolerance:g} was not reached: {known}."]
 
 
-def place_of(mask: npt.NDArray[np.bool_], tile: Tile, outlined: Scene | None) -> Place:
+def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
     """Place of the sample in a tile, from its mask (row, column); with an outline if a scene is given."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:

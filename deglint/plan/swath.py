@@ -67,7 +67,7 @@ class Line:
         self.best, self.worst = int(np.lexsort((self.mean, share))[0]), int(np.lexsort((-self.mean, -share))[0])
         least, most = float(self.fraction[self.best]), float(self.fraction[self.worst])
         self.is_good = least <= FREE  # whether at most `FREE` of the view is in glint on the best heading
-        self.is_any = most < 5e-4  # whether any heading will do: at most 0.05 % of the view is in glint on the worst
+        self.is_any = most < 5e-4  # whether any heading will do: less than 0.05 % of the view is in glint on the worst
         self.is_recommended = not self.is_any and least <= SPOILT  # whether the best is usable, and better than others
 
     def words(self) -> str:

@@ -145,7 +145,7 @@ def read_inputs(request: Request) -> Inputs:
     for path, scene in zip(scores, scenes, strict=True):
         if len(scene.bands) > 1:
             notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    arrays = [scene.read(bands=[0])[0] for scene in scenes]
+    arrays = [_first_band(scene) for scene in scenes]
     names = _names(scores)
     reasons = {"not valid in the truth": known}
     reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
@@ -164,6 +164,12 @@ def read_inputs(request: Request) -> Inputs:
     return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
 
 
+def _first_band(scene: Scene) -> Array:
+    """The first band of a scene, (row, column); its file is closed again."""
+    with raster_of(scene):
+        return scene.read(bands=[0])[0]
+
+
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
     """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
@@ -176,7 +182,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
     if raster_of(scene).info.nodatas[0] == 0:
         notes.append(f"{path} declares 0 as nodata; 0 is taken as background")
         scene = open_scene(path, nodata="none")
-    marks = scene.read(bands=[0])[0]
+    marks = _first_band(scene)
     known = np.isfinite(marks)
     return np.where(known, marks, 0), known
 

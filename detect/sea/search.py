@@ -130,7 +130,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     if len(peaks) > _LEAST:
         excess = peaks[peaks > low] - low
         with suppress(FitError):
-            if excess[0] < excess[-1]:
+            if excess.size and excess[0] < excess[-1]:
                 shape, scale = fit_pareto(excess)
     share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
     return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)

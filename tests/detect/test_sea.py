@@ -374,3 +374,12 @@ def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_p
     promised = re.search(r"finds (\d+) of its (\d+) .* with (\d+) false", (SAMPLE.parent / "README.md").read_text())
     assert (found[1], objects.max(), alarms) == tuple(map(int, promised.groups()))
     assert found[1] >= found[0]
+
+
+def test_candidates_of_single_pixels_are_ranked_not_fitted():
+    """The three highest scores of each, of which two are 0, do not exceed the bulk of the scores."""
+    scores = np.zeros((100, 100))
+    scores[::10, ::10] = 2.0
+    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
+    assert len(clutter.peaks) == 100
+    assert not clutter.fitted
