@@ -300,7 +300,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     share = found_share(stage, blocks, sample)
     if share > MANY_FOUND:
         stage = with_flashes(stage, [e[:, m] for e, m in zip(planes, sample.inside, strict=True)])
-        share = found_share(stage, blocks, sample)
+        share = found_share(stage, blocks, sample) if stage.flash_share else share
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
     return stage
