@@ -67,7 +67,7 @@ class Moments:
 
 @dataclass(frozen=True, eq=False)
 class CellMoments:
-    """Moments of many cells, as in `Moments` with the cells along the first axis."""
+    """Moments of the pixels in many square cells: the attributes of `Moments`, with cells along the first axis."""
 
     keys: npt.NDArray[np.int64]  # (cells, 2), row and column of each cell, in cells from the scene's origin
     n: Float64
@@ -206,7 +206,7 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
     """Whether `thinned` keeps the pixels at these rows and columns of the scene (arrays that broadcast).
 
-    About one pixel in `share` is kept. Pixels that are kept for a number are also kept for each of its divisors.
+    About one pixel in `share` is kept. Pixels that are kept for one `share` are also kept for each of its divisors.
     """
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)

@@ -65,7 +65,7 @@ class Sensor:
     sources: tuple[str, ...] = ()  # of the data
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
-        """The bands of the product that has `count` bands, in its order; empty if not known, or if orders differ.
+        """The bands of the product with `count` bands, in its order; empty if not known, or if the order varies.
 
         >>> [b.name for b in load("sentinel2").product(4)]
         ['B02', 'B03', 'B04', 'B08']

@@ -50,7 +50,7 @@ def fit(
     array: Any, recipe: Recipe | str = "auto", *, threads: int | None = None, sensor: str | None = None,
     nodata: float | str | None = None,
 ) -> Fitted:  # fmt: skip
-    """Fit a recipe to a DataArray; of a lazy array, the pixels that the fit needs are computed now.
+    """Fit a recipe to a DataArray; the pixels of a lazy array that the fit needs are computed now.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Covariance of a background (empirical, shrunk or robust), and whitening matrix of any covariance, singular or not.
 
 No result depends on the units of the bands: all functions work on the correlation matrix. Bands that do not vary are
-left out; of linearly dependent bands, only the independent directions are used.
+left out; only the independent directions of linearly dependent bands are used.
 
 References
 ----------
@@ -35,7 +35,7 @@ def standardised(covariance: Float64) -> tuple[Float64, Float64]:
 def whitener(covariance: Float64) -> Float64:
     """Whitening matrix W, (rank, bands): the components of W x are uncorrelated and have unit variance.
 
-    W^T W is the inverse of the covariance. Of a singular covariance it is a pseudo-inverse, computed from the
+    W^T W is the inverse of the covariance. If the covariance is singular, it is a pseudo-inverse, computed from the
     correlation, so that it does not depend on the units. Columns of bands that do not vary are 0.
     """
     correlation, scale = standardised(covariance)
@@ -111,7 +111,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """Three means and covariances to start `_concentrate`, parameters as there; x has median 0, robust deviation 1."""
+    """Three pairs of mean and covariance to start `_concentrate` from; x has median 0 and robust deviation 1."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))

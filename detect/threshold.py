@@ -22,10 +22,10 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # law fitted to the tail, quantile, and laws of a normal background
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # from a fit to the tail, a rank, and two for a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
-_LEAST_EXCEEDANCES = 50  # minimum number of scores that a law is fitted to
-_TAIL = 0.01  # fraction of the scores that a law is fitted to; larger for high rates and for few scores
+_LEAST_EXCEEDANCES = 50  # minimum number of scores that a distribution is fitted to
+_TAIL = 0.01  # fraction of the scores that it is fitted to; larger for high rates and for few scores
 _ENOUGH = 10  # minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object
 _POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290
@@ -147,7 +147,7 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
 
     With the covariance divided by n - 1, D n (n - bands) / ((n^2 - 1) bands) ~ F(bands, n - bands): Hotelling's T^2
     of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
-    For large n this law approaches chi-squared.
+    For large n this distribution approaches chi-squared.
     """
     from scipy.special import betainccinv, betaincinv
 
@@ -160,7 +160,7 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
 def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """Probability that a pixel of a Gaussian background has at least this score; same shape as `scores`.
 
-    The law is chi-squared with `bands` degrees of freedom, or Hotelling's F where the number `n` of pixels in the
+    Scores follow chi-squared with `bands` degrees of freedom, or Hotelling's F where the number `n` of pixels in the
     statistics is given. NaN where a score is NaN.
     """
     from scipy.special import betainc, betaincc, chdtrc
@@ -215,10 +215,10 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold by `from_gpd`, or by `from_quantile` where no law can be fitted or the tail contains objects.
+    """Threshold by `from_gpd`, or by `from_quantile` where that cannot be fitted or the tail contains objects.
 
-    The tail contains objects if the fitted law has no mean (shape 1 or more). The quantile is then used if at least
-    10 scores exceed it. Raises InputError: the rate is outside 0..1, too high for a tail, or too low for a quantile.
+    The tail contains objects if the fitted shape is 1 or more (no mean). The quantile is then used if at least 10
+    scores exceed it. Raises InputError: the rate is outside 0..1, too high for a tail, or too low for a quantile.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -232,13 +232,13 @@ def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold from a generalised Pareto law fitted to the highest scores, also for rates below one pixel of n.
+    """Threshold from a generalised Pareto distribution fitted to the highest scores, also for a rate below 1 / n.
 
     The k scores above u, the start of the tail, follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
     its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `numbers` holds the Kolmogorov distance
-    between law and scores. Raises InputError: no score is valid, or pfa is out of range. Raises FitError: too few
-    scores of the tail differ, or the tail ends abruptly.
+    of the distribution from the scores. Raises InputError: no score is valid, or pfa is out of range. Raises FitError:
+    too few scores of the tail differ, or the tail ends abruptly.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -291,14 +291,14 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
     def cost(t: float) -> float:  # profile likelihood in theta = shape/scale = (exp(t) - 1) / highest, eq. 2.4
         theta = math.expm1(t) / highest
         if abs(theta) < 1e-9:
-            return 1.0  # exponential law: log(mean) + 1
+            return 1.0  # exponential distribution: log(mean) + 1
         shape = float(np.log1p(theta * y).mean())
         return math.log(shape / theta) + shape + 1 if shape > -0.999 else math.inf
 
     grid = np.concatenate([np.linspace(-12, -0.25, 24), np.linspace(-0.2, 12, 48)])
     best = int(np.argmin([cost(t) for t in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    with np.errstate(invalid="ignore"):  # the cost is infinite where there is no law
+    with np.errstate(invalid="ignore"):  # the cost is infinite where there is no distribution
         t = float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}).x)
     theta = math.expm1(t) / highest
     if abs(theta) < 1e-9:

@@ -1,4 +1,4 @@
-"""The candidate recipes for a scene, simplest first; of equally good candidates the first is chosen."""
+"""The candidate recipes for a scene, simplest first; the first of several equally good candidates is chosen."""
 
 from dataclasses import dataclass
 

@@ -130,8 +130,8 @@ def level_excess(
 ) -> Float64:
     """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
 
-    The medians of each band are compared, in its unit. Of their excess, the root mean square over the bands is taken,
-    and `SIGNAL` is subtracted.
+    The medians of each band are compared, in its unit. The result is the root mean square of the excess over the bands,
+    minus `SIGNAL`.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as for `powers`

@@ -287,7 +287,7 @@ def without_shore(sample: Sample) -> Sample:
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """Masks (row, column) of the sample without targets that candidates found: erasing them must not be rewarded."""
+    """Sample mask (row, column) of each tile without targets that candidates found: erasing these is not rewarded."""
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
@@ -296,7 +296,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks from `least_glint`, with what the candidate `wiener` removes as glint; an empty list if it failed."""
+    """Masks of the pixels with the least glint (`least_glint`): glint is what `wiener` removes; empty if it failed."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []

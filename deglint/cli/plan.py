@@ -42,7 +42,7 @@ PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.mode
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
-    """Option that takes a number, which has a place in a mission file."""
+    """Option that takes a number; `place`: its table and key in a mission file, `said`: its help."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=float, metavar=unit, help=said)
 

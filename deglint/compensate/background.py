@@ -109,8 +109,8 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """Outline detail (band, row, column), limited to `MOST` times the larger detail of the bands before and after in
-    time [unit of glint]. `order`: bands in order of time. A single band has no detail.
+    """Outline detail (band, row, column) [unit of glint], limited in each band to `MOST` times the larger detail of the
+    band before and the band after it. `order`: bands in order of time. A single band has no detail.
     """
     out = np.empty_like(details)
     for place, b in enumerate(order):
@@ -153,7 +153,7 @@ class Background:
     limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
     caps: tuple[tuple[float, float], ...] = ()  # with ringing: largest value of water, and noise, of each band
     reach: int = 0  # radius of the widest PSF [pixel]
-    cut: tuple[float, ...] = ()  # decrease of each band's mean by replaced noise [scene's unit]
+    cut: tuple[float, ...] = ()  # decrease of each band's mean where noise is replaced [scene's unit]
 
     @property
     def clear(self) -> float:

@@ -151,7 +151,7 @@ def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
 
 
 def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
-    """For each brightness: its exponent, the pixels that have it, and the products of their bands, (pair, pixel)."""
+    """Yield for each brightness: its exponent, indices of its pixels, products of pairs of bands (pair, pixel)."""
     level, (row, column) = brightness(e), np.triu_indices(len(e))
     for n in np.unique(level):
         i = np.flatnonzero(level == n)

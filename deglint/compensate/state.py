@@ -142,9 +142,9 @@ ROUNDED = 0.999  # share of the saturation value from which pixels count as satu
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
-    """Value from which a pixel counts as saturated, (band,): `ROUNDED` times the saturation value, else infinity.
+    """Value from which a pixel counts as saturated, (band,): `ROUNDED` times the saturation value, or infinity.
 
-    The saturation value is declared, or is the highest value if many pixels have it (`NEARLY`): the lower of the two.
+    The saturation value is the declared one, or the highest value if that is lower and many pixels have it (`NEARLY`).
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

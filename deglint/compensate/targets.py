@@ -41,7 +41,7 @@ RATE, TOGETHER = 1e-5, 2.8
 """`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
 `TOGETHER`: factor for the sum over 3 x 3 pixels, as the blurred light of one facet raises S in about three pixels."""
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
-"""Of the pixels that are bright by sparkle in all bands, one in ten has the spectrum of a target. One flash makes about
+"""One in ten of the pixels that are bright by sparkle in all bands has the spectrum of a target. One flash makes about
 four of 3 x 3 pixels bright."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
 """Least time between the first and the last band [s]: ripples change in it. Fewest bands: three always fit the three
@@ -159,11 +159,11 @@ class Excess:
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
     below: list[Float32]  # its background
-    afloat: bool = False  # a target must be lit in a band with dark water, if there is one; set without a background
+    afloat: bool = False  # without a background: targets must be lit in a band with dark water, if there is one
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """From a block (band, row, column) and its background; the local mean is used if there is none."""
+        """Make it from a block (band, row, column) and its background; without a background, from the local mean."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -231,14 +231,16 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio of target and sparkle around some pixels: a target has the same outline in all bands."""
+        """Log likelihood ratio (pixel,) of target and sparkle, from the outline: see `spectra.same_outline`."""
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
         return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Flat indices of pixels, and the contrast to restore there, (band, pixel). Beside targets (`OUTLINE_REACH`) it
-        is the target's contrast times a share, 0 to 1: the second lowest ratio of the excess to it in any band.
+        """Flat indices of pixels, and the contrast to restore there, (band, pixel).
+
+        Beside a target (`OUTLINE_REACH`) it is the contrast of the target times a factor, 0 to 1. The factor is the
+        second lowest of all bands' ratios of excess to contrast.
         """
         import cv2
 
@@ -325,7 +327,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample's pixels that are targets, afloat or not."""
+    """Share of the sample's pixels that are targets, without the condition `Excess.afloat`."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -344,7 +346,8 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
 
-    `t`: time of each band [s]. A step to the next band is counted in those pairs of dark bands whose delay is nearest.
+    `t`: time of each band [s]. The table of a step to the next band comes from the pairs of dark bands whose delay is
+    nearest to the delay of this step.
     """
     import cv2
 
@@ -369,7 +372,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Of the pixels that are lit in the first band, but not above their median: share that is `steady` in all bands."""
+    """Share that is `steady` through all bands, of the pixels that are faintly lit (up to the median) in the first."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

@@ -116,7 +116,7 @@ def fit_water(
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule for blue or `brown` water, None if there is none; `light`: red / green and NIR / green of white."""
+    """The rule for blue or `brown` water; None without water. `light`: red / green and NIR / green of white."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
@@ -146,7 +146,7 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
 
 
 class _View:
-    """The blocks (band, row, column) in which water is searched, and masks (row, column) of their valid pixels."""
+    """The blocks (band, row, column) that are searched for water, and masks (row, column) of their valid pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
         valid = [valid_for(b, roles) for b in blocks]
@@ -155,7 +155,7 @@ class _View:
         self.pixels = int(sum(v.sum() for v in self.valid))
 
     def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """Values (pixel,) of a sample of the valid pixels; `arrays` has one (row, column) for each block."""
+        """Values (pixel,) of a sample of the valid pixels; `arrays` holds an array (row, column) for each block."""
         return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
 
     @cached_property
@@ -241,9 +241,10 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
-        """Share of the sea that is bright (NIR above `threshold`) in squares of side `window`, far from land.
+        """Share of the sea that `brighter` marks with squares of side `window`, although it is far from land.
 
-        Land is bright in squares of side `widest`; all else is sea. With votes, only votes for water are counted.
+        Land is what `brighter` marks with squares of side `widest`; all other pixels are sea. With votes, the share is
+        that of marked pixels which vote for water.
         """
         solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
         apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
@@ -343,7 +344,7 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the highest gap (emptiest bins) in sorted values (pixel,), which may hold dry sand above the gap."""
+    """Upper end of the gap in sorted values (pixel,): of the highest histogram bin with (nearly) the fewest values."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

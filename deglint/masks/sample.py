@@ -59,7 +59,7 @@ class SampleRule:
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """All values except the water rule, and the halo, for a sidecar."""
+        """The halo, and all values except the water rule, for a sidecar."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
@@ -71,7 +71,7 @@ def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
 class _Local(NamedTuple):
     """Statistics of water in the square around each pixel, in grains (see `SampleRule`); (row, column) or (pixel,)."""
 
-    enough: Mask  # True over water with at least half a square of water
+    enough: Mask  # True over water, if at least half of the square is water
     nir: Float64  # mean of the NIR
     level: Float64  # mean of the visible sum
     variance: Float64  # of the NIR
@@ -105,11 +105,11 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
     A pixel is in the sample if the square of 15 x 15 pixels around it is (1) away from everything that is not water;
-    (2) dark: as long as Otsu's criterion finds two kinds of water, the brighter kind is excluded; glint is subtracted,
-    this is repeated, and the brighter half of the rest is excluded; (3) even: the variance of the visible that the NIR
-    does not explain is not unusually large; (4) among the quarter of the remaining squares with the strongest glint
-    (largest NIR variance), or a larger share if those are too few. Strong glint is preferred because noise in the NIR
-    multiplies a slope by
+    (2) dark: Otsu's threshold excludes the brighter water while the visible means of the squares have two classes,
+    first with glint and then with glint subtracted; then the brighter half is excluded; (3) even: the variance of the
+    visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the squares with the
+    largest NIR variance (the strongest glint), or in half or all of them if the sample were too small. Strong glint is
+    preferred because noise in the NIR multiplies a slope by
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -195,7 +195,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
-    """Local statistics (row, column) by sums over the water in squares: exact, as sums of integers below 2^53 are."""
+    """Local statistics (row, column) from sums over the water in squares; the sums are exact (integers below 2^53)."""
     import cv2
 
     def box(values: Float64) -> Float64:
@@ -244,7 +244,7 @@ def _choose_distance(
 
 
 def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRule:
-    """The rule with limits that, of the dark, even pixels of `local`, accept the `share` with the strongest glint."""
+    """The rule with limits, which accept the `share` with the strongest glint of the dark, even pixels in `local`."""
     local = local.pick(slice(None, None, 1 + local.level.size // MANY))
     local = local.pick(_darker_kind(local.level))
     total = float(local.variance.sum())
@@ -267,7 +267,7 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Mask of squares in which the visible variance that the NIR does not explain is not too large for their glint."""
+    """Mask of squares whose `residual` is at most `MAX_RESIDUAL` times the usual value for their NIR variance."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 

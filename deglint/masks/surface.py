@@ -10,7 +10,7 @@ from ..moments import Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
 
-ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; of more values, every k-th is used
+ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; if there are more, every k-th is used
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column) of pixels that are not water: too bright over a square for glint, or not of its colour."""
+    """Mask (row, column) of pixels that are not water: in squares too bright for glint, or not of its colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)

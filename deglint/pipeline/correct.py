@@ -275,7 +275,7 @@ def correction(
     scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
     threads: int = 1,
 ) -> Correction:  # fmt: skip
-    """The function that corrects the tiles of a scene, as it was fitted.
+    """The `Correction` of a scene with the models and masks of `fitted`.
 
     `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs: if one needs
     noise or standard errors, these are estimated here, on `threads` threads.

@@ -226,7 +226,7 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Examine a scene; of a large scene only a part is read, for a limited time.
+    """Examine a scene; only a part of a large scene is read, for a limited time.
 
     Parameters
     ----------

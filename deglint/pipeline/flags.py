@@ -79,7 +79,7 @@ def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Pixels of a tile by flag; replaced, changed and saturated pixels by band. `saturated`: (band, row, column)."""
+    """Count the pixels of a tile: for each flag, and replaced, changed and `saturated` (band, row, column) per band."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
@@ -98,8 +98,8 @@ def glint_classes(
     The specification calls glint uncorrectable where a band is saturated, and gives no limit of negligible glint. Here
     the limit in every band is one standard deviation of its noise: such glint adds no more variance than noise does.
     `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
-    standard deviation of their noise [unit of the band], `saturated` (row, column) True where a band is saturated. Not
-    assessed are pixels outside `water` (row, column), and all pixels if `amount` has no band.
+    standard deviation of their noise [unit of the band], `saturated` (row, column) True where a band is saturated.
+    Pixels outside `water` (row, column) are "not assessed", and all pixels if `amount` has no band.
     """
     out = np.full(amount.shape[1:], NOT_ASSESSED, np.uint8)
     np.copyto(out, NEGLIGIBLE, where=np.isfinite(amount).any(axis=0))

@@ -67,7 +67,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Tiles spread over the scene, with about `pixels` pixels in all; in a huge scene, a part of them is considered."""
+    """Tiles evenly spread over the scene, about `pixels` pixels in all, selected from about `MOST_TILES` at most."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
@@ -75,7 +75,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
-    """All tiles of a scene; of a scene too large for memory, as many tiles with valid pixels as fit."""
+    """All tiles of a scene; if it is too large for memory, as many tiles with valid pixels as fit into it."""
     total = scene.height * scene.width
     if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
@@ -135,7 +135,7 @@ def tile_shape_of(scene: Scene) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Job:
-    """Input of a fit to one overview of a scene."""
+    """Scene, options and threads of a fit that uses one overview of the scene."""
 
     scene: Scene
     recipe: Recipe
@@ -160,7 +160,7 @@ class Sampler:
     """Where the sample of a scene lies."""
 
     tiles: Sequence[Tile]  # tiles that contain the sample
-    mask: Callable[[Any, Sequence[int], Tile], Mask]  # gives its mask for (block, 0-based bands in it, tile)
+    mask: Callable[[Any, Sequence[int], Tile], Mask]  # returns the sample mask of (block, its 0-based bands, tile)
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs
     numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar

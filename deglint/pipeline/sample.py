@@ -109,7 +109,7 @@ def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callabl
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips of odd and even detectors from the footprints of a 0-based band; None if not known or of one kind."""
+    """Strips of odd and even detectors from the footprints of a 0-based band; None if not known, or all odd or even."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -123,7 +123,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
-    """Search the whole scene for strips of two kinds; `kinds` finds the kind of each square of a tile."""
+    """Find strips with opposite band delays in the whole scene; `kinds` finds the kind of each square of a tile."""
     read, (_bands, height, width) = training_reader(job, sampler), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))

@@ -137,7 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """End of a sentence after the word "it": what a file is by its content, that GDAL could not read, and a remedy."""
+    """Text after "GDAL cannot read it, it ...": what the content of a file shows that it is, and a remedy."""
     place = Path(path)
     try:
         if place.is_dir():

@@ -250,7 +250,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a `RasterWriter` for each of several images; both dictionaries are by the name of the image."""
+    """Open a `RasterWriter` for each of several images; the keys of both dictionaries are names of images."""
     with contextlib.ExitStack() as stack:
         yield {
             name: stack.enter_context(RasterWriter(scratch.add(target), target, layout))

@@ -197,7 +197,7 @@ class RasterSource:
 class ArraySource(RasterSource):
     """Pixels of a scene from a (band, row, column) numpy or dask array; reads return copies.
 
-    Of a dask array only the requested window is computed. If the array is a part of the scene, `origin` is the row and
+    Only the requested window of a dask array is computed. If the array is a part of the scene, `origin` is the row and
     column of its first pixel in the scene.
     """
 

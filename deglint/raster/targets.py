@@ -230,7 +230,7 @@ class Scratch:
 
 @contextlib.contextmanager
 def _signals_held() -> Iterator[None]:
-    """Hold signals that arrive within the block, and raise them at its end; only in the main thread, which has them."""
+    """Hold signals within the block, and raise them at its end; only in the main thread, where Python handles them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

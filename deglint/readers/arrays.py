@@ -46,7 +46,7 @@ class ArrayScene:
         return found
 
     def plane(self, values: Any, name: str) -> Any:
-        """A DataArray called `name` with these (row, column) values; of the attributes, only georeferencing is kept."""
+        """A DataArray called `name` with these (row, column) values; georeferencing is the only attribute kept."""
         first = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True)
         out = first.copy(data=values)
         out.name = name

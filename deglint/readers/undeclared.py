@@ -91,7 +91,7 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """Tiles to read: all of a small scene; of a larger one a regular grid of tiles, from corner to corner."""
+    """Tiles to read: all tiles of a small scene, or a regular grid of tiles from corner to corner of a larger one."""
     side, size = SAMPLED_SIDE, (scene.height, scene.width)
     if scene.height * scene.width <= LOOKED_AT:
         return tiling.tiles(*size, (side, side))

@@ -52,7 +52,7 @@ class LagGrams(NamedTuple):
     references: int  # number of references
 
     def some(self, chosen: Mask) -> LagGrams:
-        """The matrices of the squares that are True in a mask (square,)."""
+        """The Gram matrices of those squares of the sample for which a mask (square,) is True."""
         return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
@@ -209,7 +209,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the common best, unless clearly worse for this band; `losses`: (group, band) by support."""
+    """Support of each band: the best for all, or its own if clearly better; `losses`: (group, band) by support."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -236,7 +236,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Change of each band (output,) if its NIR rises by 1, and other references by what the NIR predicts."""
+    """Change of each band (output,) if its NIR rises by 1, and other references rise as predicted from the NIR."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0

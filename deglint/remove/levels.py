@@ -154,7 +154,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the highest count, refined by a parabola; of several equal counts the middle."""
+    """Position [bin] of the highest count, refined by a parabola; the middle of several equal counts."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -166,7 +166,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Sample (row, column) away from strong glint, beside which resampling darkens pixels; `together`: prediction."""
+    """The sample (row, column) without pixels near strong glint, which resampling darkens; `together`: prediction."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -271,7 +271,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def _span(sample: LevelSample, together: FloatArray) -> float:
-    """The span, as defined at `MOSTLY_CLEAR`; `together`: prediction of all bands together, (pixel,)."""
+    """Span (see `MOSTLY_CLEAR`) of `together`, (pixel,): the prediction of all bands together."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together[sample.apart] if sample.apart.any() else together
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))

@@ -48,11 +48,11 @@ def fit(
 ) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
-    clear : share of the sample that has no glint, at least `LEAST_GLINT` %, or `CLEAR` % where the predictions are
-        skewed (`SKEWED`). The level of a band is the median of its prediction over this share of the pixels, in which
-        the predictions of all bands together are least
-    cut : how much the opening decreased the mean of each band of the scene, as it also replaced noise above the
-        background; added to the level [unit of the band]
+    clear : share of the sample without glint, 0..1, raised to `LEAST_GLINT` %, or `CLEAR` % where the predictions are
+        skewed (`SKEWED`). The level of a band is the median of its prediction over this share of the pixels: those with
+        the smallest sum of the predictions of all bands
+    cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background;
+        added to the level [unit of the band]
 
     Raises FitError: too little water.
 

@@ -79,13 +79,14 @@ class GlintModel:
     references : tuple of ReferenceRule
         Rules by which ships, surf and land are first replaced in each reference; empty for pointwise methods.
     level_interval : (float, float, float), optional
-        Levels for all bands [unit of the index]: lowest without negative pixels, chosen, median of the prediction.
+        Three values of the level common to all bands [unit of the index]: the lowest possible one, which leaves no
+        pixel negative; the chosen one; and the median of the predicted NIR.
     level_stderr : float, optional
         Standard error of the chosen level [unit of the index].
     strips : Strips, optional
-        Strips of detectors with opposite band delays, if the scene has them.
+        Strips of detectors with band delays of opposite sign, if the scene has them.
     second : tuple of GlintIndex
-        Indexes for strips of the second kind, in the order of `indexes`; empty without strips.
+        Indexes for the strips with the other sign, in the order of `indexes`; empty without strips.
     signed : bool
         Whether a kernel model also adds light, where its prediction is below the level. True for models that are fitted
         after a stage has replaced strong glint.

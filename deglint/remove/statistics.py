@@ -82,12 +82,12 @@ class SampleStatistics:
 
     @cached_property
     def moments(self) -> Moments:
-        """Total of `raw`."""
+        """Moments of the variables over all cells, not detrended."""
         return self.raw.total()
 
     @cached_property
     def regressed(self) -> Moments:
-        """Total of `cells`."""
+        """Moments over all cells of the variables to which slopes are fitted (see `cells`)."""
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
@@ -153,7 +153,7 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """For each index the pixel with the smallest value times `sign`; of several equal pixels the first in the scene."""
+    """For each index the pixel with the smallest value times `sign`; the first in the scene if several are equal."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
@@ -259,7 +259,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """References of a band (places of variables), weights: its index if in the plan, else the bands of the index."""
+    """Places of variables, and weights: of the index of a band if the plan has it, else of the bands of the index."""
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
     parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]

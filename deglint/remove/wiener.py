@@ -133,7 +133,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Place (square, 2) and kind (square,) of the squares of a tile with enough water; `pair`: kernels of the kinds."""
+    """Place (square, 2) and kind of strip (square,) of a tile's squares with enough water; `pair`: kernels by kind."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
@@ -330,16 +330,17 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
 def shared_glint(
     response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]
 ) -> tuple[Float64, Float64]:
-    r"""Weights of the bands in the glint common to them, and their responses drawn to its spectrum, (band,) each.
+    r"""Weights that estimate the strength of glint from the bands, and new responses of the bands; (band,) each.
 
-    The strength a of glint with the spectrum c is estimated by generalised least squares; the new responses s' are the
-    posterior means.
+    The response of a band is its glint over the glint of its NIR: the sum of its kernel. The strength a of glint with
+    the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are the
+    posterior means, between s and a c.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
 
-    with s (band,) the responses and V (band, band) their covariance. Of the spectra of radiance and of reflectance, the
-    one with the smaller (s - a c)^T S^-1 (s - a c) is used. With regression "ols", s' is s.
+    V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
+    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
@@ -360,7 +361,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Spectra of glint (band,) over each NIR: 1 for reflectance; for radiance the sun's, if all are in 300..1000 nm."""
+    """Possible spectra of glint, (band,), over the NIR of the band: 1; and the sun's, if all are in 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def law(self) -> tuple[int, int] | None:
-        """Degrees of freedom of the scores, and number of pixels in the statistics; None without a known law."""
+        """Degrees of freedom of scores that follow F or chi-squared, and pixels in the statistics; None for others."""
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:

@@ -194,7 +194,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return counts, the highest scores, and by class the pixels attached to land."""
+    """Score and write all tiles; return counts, the highest scores, and the ALONGSIDE and ATTACHED pixels by class."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0

@@ -101,7 +101,7 @@ class Roc:
 
     @cached_property
     def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
-        """Distinct target scores, ascending; for each the number of targets, of lower, of lower or equal background."""
+        """Distinct target scores t, ascending; and numbers of targets at t, background below t, background up to t."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
         return distinct, counts.astype(np.int64), below.astype(np.int64), upto.astype(np.int64)

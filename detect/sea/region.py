@@ -139,7 +139,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels and statistics (OpenCV) of all parts; label and own sides [pixel] of parts up to `length` and `width`."""
+    """Labels, statistics (OpenCV) of all parts; label, length, width [pixel] of those up to `length` and `width`."""
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
@@ -190,7 +190,7 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Mask of parts of the land with the size and shape of a ship; of two that touch, only that of higher `likeness`.
+    """Mask of parts of the land with the size and shape of a ship; if two touch, the one with the higher `likeness`.
 
     For every direction, the function selects land that is not wider than a ship across the direction, and straight
     along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.

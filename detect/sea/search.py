@@ -56,7 +56,7 @@ class Clutter:
     shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
     scale: float  # scale of the distribution [unit of the scores]
     large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
-    large_share: float = 1.0  # fraction of the unconfirmed candidates with at least so many pixels
+    large_share: float = 1.0  # fraction of the unconfirmed candidates with at least `large[0]` pixels
 
     @property
     def fitted(self) -> bool:
@@ -85,7 +85,10 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`score_top` that so many false objects per km2 exceed on average. Raises InputError: no area is known."""
+        """The `score_top` that an object must have for an expected number of false objects per km2.
+
+        It is the inverse of `Clutter.false_per_km2`. Raises InputError: no area is known.
+        """
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
