@@ -217,7 +217,8 @@ def test_standard_errors_against_draws():
 
 def level_sample(prediction, value):
     """Pixels without neighbours, any of which may determine the level."""
-    return LevelSample(prediction, value, prediction.mean(axis=0), prediction[:0], np.ones(prediction.shape[1], bool))
+    together = prediction.mean(axis=0)
+    return LevelSample(prediction, value, together, together, prediction[:0], np.ones(prediction.shape[1], bool))
 
 
 def test_the_error_of_the_level_against_a_bootstrap_over_tiles():

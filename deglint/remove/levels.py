@@ -24,7 +24,9 @@ from .kernels import FOLDS
 _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
 _BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
-LEAST_GLINT = 0.2  # share of the sample with the least glint [%]; the median of its predictions is the level
+LEAST_GLINT, LEAST_DENSE = 0.2, 0.05
+"""Share of the sample with the least glint [%]; the median of its predictions is the level. The second holds where glint
+is dense (span from `SPARSE` on), so that fewer pixels are without."""
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
 percentile: .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m. If it is below
@@ -33,7 +35,9 @@ the median of the lowest `LEAST_CLEAR` percent of the predictions."""
 AVERAGED, SPARSE = 3, 0.1
 """If the span is below `SPARSE`, there is water without glint, and the least glint is searched in means of `AVERAGED` x
 `AVERAGED` pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level.
-The span is larger if pixels do not resolve glint."""
+If the span is larger, such a mean always contains glint. It is then replaced by a binomial filter of that size, which
+suppresses what changes from pixel to pixel: noise, and the negative lobes of resampling. If pixels do not resolve glint
+(`SHEET_SPAN`), glint itself changes so, and single pixels are used."""
 NORMAL_TAIL, RARE = 1.65, 0.3
 """The lower half of the predictions is noise, and most pixels have no glint, under two conditions. The distance of the
 1st percentile from the median is more than `NORMAL_TAIL` times the distance of the 10th: 1.82 for a normal
@@ -177,7 +181,8 @@ class LevelSample:
 
     prediction: FloatArray  # (band, pixel): NIR of each band as its kernel predicts it [unit of the NIR]
     value: FloatArray  # (band, pixel) [unit of the band]
-    around: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
+    mean: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
+    binomial: FloatArray  # (pixel,): the same after a binomial filter of this size
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope; empty: single pixels are used instead
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
@@ -210,8 +215,9 @@ def shared_level(
     sheet = span >= SHEET_SPAN and not clear
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
-    order = sample.around if span < SPARSE else together
-    least = order <= np.percentile(order, LEAST_CLEAR if clear else LEAST_GLINT)
+    order = together if sheet else sample.mean if span < SPARSE else sample.binomial
+    share = LEAST_CLEAR if clear else LEAST_GLINT if span < SPARSE else LEAST_DENSE
+    least = order <= np.percentile(order, share)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))

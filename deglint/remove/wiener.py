@@ -300,11 +300,12 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             references = {band: bordered(values) for band, values in tile.references.items()}
             found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
             together = np.tensordot(slopes, found, 1)
-            around = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
+            mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
+            binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
             bands = np.stack(tile.bands)
             excess = found - bands / slopes[:, None, None] if averaged else found[:0]
             local = excess - detrend(excess, tile.sample) if averaged else excess
-            planes = (found, bands, around, local, apart_from_sparkle(together, tile.sample))
+            planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
