@@ -120,7 +120,7 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
-        rule = _threshold(view, window, view.flat(votes))
+        rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None)
         if rule is None:
             return None
         if window == widest:
@@ -288,10 +288,11 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 
 
-def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
+def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> WaterRule | None:
     """The rule for squares of side `window` [pixel]; None if there is no water.
 
-    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land.
+    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If all
+    pixels vote for water, it is the end of the NIR of water, with `sparkle` that of glint.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -308,11 +309,11 @@ def _threshold(view: _View, window: int, votes: Votes) -> WaterRule | None:
     water = nir[: max(int(np.searchsorted(nir[: last + 1], sheet, "right")), 1)]
     level, end = (float(p) for p in np.percentile(water, (50, 99)))
     tail = level + max(TAIL * (end - level), LEAST_TAIL * abs(darkest))
-    if window > 1:  # sparkle
+    if alone:
+        threshold = sheet if sparkle else min(tail, sheet)
+    elif window > 1:
         nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
-        threshold = sheet if alone else min(_emptiest(nir[nearly : last + 1]), sheet)
-    elif alone:
-        threshold = min(tail, sheet)
+        threshold = min(_emptiest(nir[nearly : last + 1]), sheet)
     else:
         limit = min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail)
         threshold = _foot(nir, level, limit)

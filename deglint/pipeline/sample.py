@@ -43,6 +43,7 @@ HALO = 64  # halo around a training tile, for windows, kernels and clumps of its
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
 three seconds on two processors, is proportional to their area."""
+FULL = 0.9  # squares whose sample has at least this share of the largest one's pixels serve equally well
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
@@ -178,8 +179,13 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 def _of_kernels(job: Job) -> FitRequest:
     """The request for a fit of method `wiener`."""
-    resolved = (pixel_size(job.scene) or np.inf) < WAVES_RESOLVED
-    return replace(job.request, regression="detrended", resolved=resolved)
+    pixel = pixel_size(job.scene)
+    return replace(
+        job.request,
+        regression="detrended",
+        resolved=(pixel or np.inf) < WAVES_RESOLVED,
+        sparkle=(pixel or 0.0) < COARSE_PIXEL,
+    )
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
@@ -203,8 +209,12 @@ def fit_training(
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Try candidates on parts of training tiles; the `TRIED` parts with the largest samples are used."""
-    parts = sorted((_part_of(t, job.scene) for t in training), key=lambda p: -int(p.sample.sum()))[:TRIED]
+    """Try candidates on parts of training tiles: on `TRIED` parts, spread over those with the largest samples."""
+    parts = [_part_of(t, job.scene) for t in training]
+    pixels = sorted(int(p.sample.sum()) for p in parts)
+    least = min(FULL * pixels[-1], pixels[-TRIED:][0])
+    full = [p for p in parts if p.sample.sum() >= least]
+    parts = [full[k] for k in np.unique(np.linspace(0, len(full) - 1, TRIED).astype(int))]
     pixel, rule = pixel_size(job.scene), job.overview.water
     sample, trial = sample_of(parts), replace(job, request=replace(job.request, level_error=False))
     fine = pixel is not None and pixel < COARSE_PIXEL

@@ -25,8 +25,8 @@ _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
 _BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
 LEAST_GLINT, LEAST_DENSE = 0.2, 0.05
-"""Share of the sample with the least glint [%]; the median of its predictions is the level. The second holds where glint
-is dense (span from `SPARSE` on), so that fewer pixels are without."""
+"""Share of the sample with the least glint [%]; the median of its predictions is the level. The second is for dense
+glint (span from `SPARSE` on), where fewer pixels are without glint."""
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
 percentile: .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m. If it is below

@@ -34,6 +34,7 @@ class FitRequest:
     more: tuple[int, ...] = ()  # 0-based bands that are also references of shorter bands (`deglint.remove.further`)
     faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
     resolved: bool = False  # pixels are smaller than waves, so that some have no glint
+    sparkle: bool = False  # pixels may resolve sparkle, of which few flashes are very bright
     level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
 
     def __post_init__(self) -> None:

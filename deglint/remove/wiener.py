@@ -126,7 +126,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
     for r in references:
         edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
         looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
-        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint)
+        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle)
     return rules
 
 
