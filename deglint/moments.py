@@ -59,7 +59,7 @@ class Moments:
     rest: Float64
 
     def covariance(self, ddof: int = 1) -> Float64:
-        """Covariance matrix; NaN where n <= ddof."""
+        """Covariance matrix, (variables, variables): `comoment` / (n - ddof); all NaN if n <= ddof."""
         if self.n <= ddof:
             return np.full_like(self.comoment, np.nan)
         return self.comoment / (self.n - ddof)

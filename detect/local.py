@@ -156,7 +156,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and states (`STATES`) of one cell, (row, column) each; `good` is the mask of valid pixels of the block."""
+    """Scores and `STATES` of the tile `cell`, (row, column). `held`: tile of `block` and its valid pixels `good`."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():

@@ -42,9 +42,9 @@ class Trial:
     """Result of a candidate on the sample tiles."""
 
     candidate: Candidate
-    power: tuple[float, ...]  # mean square of the texture of the result at each of `SCALES`, relative to the water
-    gains: dict[str, float]  # of each implanted signal
-    error: float = float("nan")  # expected error, relative to the water
+    power: tuple[float, ...]  # mean square of the texture of the result at each of `SCALES` [water level squared]
+    gains: dict[str, float]  # gain of each implanted signal, by name [1]
+    error: float = float("nan")  # expected root mean square error [water level]
 
     @property
     def signals(self) -> Float64:

@@ -65,7 +65,7 @@ class FileName(click.Path):
         self._words, self._presets = words, presets
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Words and sensor presets that start with the typed text, then file names."""
+        """The words of this type (as "auto") and sensor presets that start with the typed text, then file names."""
         from ..sensors import names as presets
 
         words = (*self._words, *(presets() if self._presets else ()))

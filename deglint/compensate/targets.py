@@ -123,7 +123,7 @@ class Targets:
 
     @cached_property
     def _steps(self) -> Float32:
-        """`following` as an array (table, bin in the band before, bin)."""
+        """`following`, log probabilities of bins, as an array (table, bin in the band before, bin)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
@@ -372,7 +372,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share that is `steady` through all bands, of the pixels that are faintly lit (up to the median) in the first."""
+    """Share of faint pixels that are `steady` in all bands. Faint: lit in the first band, up to the median of these."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

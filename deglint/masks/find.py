@@ -253,9 +253,9 @@ class _View:
         return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether most pixels that are not `solid` vote for water, and enough of these fill squares of 5 x 5 pixels.
+        """Whether most pixels outside `solid` vote for water, and enough of those that do fill squares of 5 x 5 pixels.
 
-        compact : share of the pixels that must lie in such squares; if not 0, some solid pixels must vote against water
+        compact : least share of the pixels outside `solid` in such squares; if not 0, a solid pixel must vote not water
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))

@@ -59,7 +59,7 @@ class SampleRule:
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """The halo, and all values except the water rule, for a sidecar."""
+        """Plain values for the sidecar: every field except `water`, and the halo."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 

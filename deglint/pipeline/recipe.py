@@ -156,9 +156,10 @@ UNKNOWN_OBJECT = 16.0  # the same if the pixel size is not known [pixel]
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:
-    """Width of the smallest object to keep [pixel], from "4m", "16px" or nothing.
+    """Width of the smallest object to keep [pixel], from text such as "4m" or "16px".
 
-    Raises InputError: not a length, or metres if the pixel size is not known.
+    `pixel` is the pixel size [m], None if not known. Without text the width is 4 m, or 16 pixels if `pixel` is None.
+    Raises InputError: the text is no length, or is in metres and `pixel` is None.
     """
     if not text:
         return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel

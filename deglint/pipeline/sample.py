@@ -43,7 +43,7 @@ HALO = 64  # halo around a training tile, for windows, kernels and clumps of its
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
 three seconds on two processors, is proportional to their area."""
-FULL = 0.9  # squares whose sample has at least this share of the largest one's pixels serve equally well
+AS_LARGE = 0.9  # squares whose sample has at least this share of the largest one's pixels serve equally well
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
@@ -71,7 +71,7 @@ class Training:
 
     @property
     def inside(self) -> Mask:
-        """Mask of the sample in the block, in the shape of `outer`."""
+        """Mask of the sample on the pixels of `outer`, (row, column); False in the halo."""
         out = np.zeros(self.outer.shape, np.bool_)
         out[self.tile.within(self.outer)] = self.sample
         return out
@@ -212,7 +212,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     """Try candidates on parts of training tiles: on `TRIED` parts, spread over those with the largest samples."""
     parts = [_part_of(t, job.scene) for t in training]
     pixels = sorted(int(p.sample.sum()) for p in parts)
-    least = min(FULL * pixels[-1], pixels[-TRIED:][0])
+    least = min(AS_LARGE * pixels[-1], pixels[-TRIED:][0])
     full = [p for p in parts if p.sample.sum() >= least]
     parts = [full[k] for k in np.unique(np.linspace(0, len(full) - 1, TRIED).astype(int))]
     pixel, rule = pixel_size(job.scene), job.overview.water

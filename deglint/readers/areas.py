@@ -180,7 +180,7 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
-    """Yield the polygons of a document with closed rings of (x, y); InputError if a ring has under three corners."""
+    """Yield polygons of parsed GeoJSON with closed rings of (x, y). Raises InputError: a ring has under 3 corners."""
     for kind, coordinates in geometries(document):
         several = kind == "MultiPolygon" and isinstance(coordinates, list)
         for polygon in coordinates if several else [coordinates] if kind == "Polygon" else []:

@@ -82,13 +82,13 @@ def glint(
     """Glint in each band that a kernel model corrects.
 
     block : (band, row, column), physical values, NaN where not valid; a tile needs `model.halo` more pixels around
-    water : (row, column), True over water; in the references other pixels, and NaN, are replaced by the water around
+    water : (row, column), True over water; in references, the mean of water around replaces NaN and all other pixels
     origin : row and column of the block in the scene, for strips [pixel]
     crop : halo above, below, left and right [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    and never negative unless the model is signed. Also returns a mask of the water pixels where a reference was
-    replaced because it exceeds its surroundings by more than glint does (see `clean`); None if there is no such pixel.
+    and never negative unless the model is signed. Also returns a mask, (row, column), of water pixels that were
+    replaced in a reference: there they exceed their surroundings by more than glint does (see `clean`). None: no pixel.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays

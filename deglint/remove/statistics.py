@@ -75,10 +75,10 @@ class SampleStatistics:
     plan: SamplePlan
     raw: CellMoments  # moments of the variables
     cells: CellMoments  # moments of the variables to which slopes are fitted: detrended if the plan says so, else `raw`
-    darkest: tuple[Extreme, ...]  # one per index; empty without a pixel
-    brightest: tuple[Extreme, ...]
+    darkest: tuple[Extreme, ...]  # pixel with the smallest value of each index; empty if the sample has no pixel
+    brightest: tuple[Extreme, ...]  # the same with the largest value
     places: npt.NDArray[np.int64]  # (2, pixel): row and column of the kept pixels in the scene; sorted once merged
-    values: FloatArray  # (variable, pixel), or (index, pixel) unless the plan keeps "all": values of the kept pixels
+    values: FloatArray  # of the kept pixels: (variable, pixel) if the plan keeps "all", else (index, pixel)
 
     @cached_property
     def moments(self) -> Moments:

@@ -154,7 +154,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Group the squares of the sample of each set of bands by kind of strip; one group if a kind has too few."""
+    """Split the squares of each set of bands by kind of strip, (kind, set); one kind if either has too few squares."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:

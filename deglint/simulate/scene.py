@@ -236,7 +236,7 @@ class _World:
         return out
 
     def on_pixels(self, layer: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Values of `layer`, (row, column) by facet, at the middle of each pixel of the image, (row, column)."""
+        """Sample `layer`, (row, column) of facets, at the centre of each pixel of the image; returns (row, column)."""
         n, (rows, columns) = self.setup.supersample, self.setup.size
         return layer[n // 2 :: n, n // 2 :: n][:rows, :columns].copy()
 

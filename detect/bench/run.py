@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent of a full or a quick run; `seeds` is by default 5, or 2 for a quick run (one wind, small scenes)."""
+        """Extent of a run of the removals `names`; `quick`: one wind, small scenes. Default `seeds`: 5, quick 2."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)

@@ -24,8 +24,8 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `detect.rx.METHODS`, or "auto": the detector of an option that "sea" does not have, if one is set; else
-        "rx" for more than 16 bands or without water; else "sea".
+        A key of `detect.rx.METHODS`, or "auto". Auto: if an option is set that "sea" does not have, the detector that
+        has it. If not, "rx" for a scene of more than 16 bands or without water, and "sea" for all others.
     window : (int, int)
         Sides of guard and window of "local" [pixel].
     border, ddof : str, int

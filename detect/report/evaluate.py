@@ -265,7 +265,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """Summary numbers of a ROC curve and its points, as plain values."""
+    """Summary numbers and some points of a ROC curve, as plain values; `bands`: its confidence bands, if computed."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     return {

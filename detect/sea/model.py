@@ -155,10 +155,10 @@ def fit(
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
-    """Distance of every pixel of the sea from the water around it [standard deviation]; NaN on land and on the rim.
+    """Distance of every sea pixel from the water around it [standard deviation]; NaN on land and where class is `RIM`.
 
-    The block and its NIR, (band, row, column), and its classes contain the requested part and a margin of `model.halo`
-    pixels. The NIR is needed if the model was fitted with it.
+    `block` and `nir`, (band, row, column), `classes` and the result, (row, column), contain the requested part and a
+    margin of `model.halo` pixels. The NIR is needed if the model was fitted with it.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):

@@ -139,7 +139,10 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels, statistics (OpenCV) of all parts; label, length, width [pixel] of those up to `length` and `width`."""
+    """Find the connected parts of a mask, and those no longer than `length` and no wider than `width` [pixel].
+
+    Returns labels (row, column) and OpenCV's statistics (label, 5) of all parts; label, length, width of the latter.
+    """
     import cv2
 
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)

@@ -85,7 +85,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """A copy of `info` with what the file's XMP says of its bands, and notes; `info` itself without an XMP."""
+    """`info` with names, wavelengths, calibration and sensor from the file's XMP, and notes; `info` if it has none."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:

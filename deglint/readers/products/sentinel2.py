@@ -142,7 +142,7 @@ def _width(spectral: ET.Element | None) -> float | None:
 
 
 def _angles(container: Container, granule: str) -> dict[str, str]:
-    """Tags with the directions of sun and satellite from the ground [degree]: means over the tile and the bands."""
+    """Tags with elevation and azimuth of sun and satellite [degree]: means over the tile `granule` and its bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
     if member is None:
         return {}
