@@ -5,7 +5,7 @@ Every criterion is a difference or a rank, so that it does not depend on the uni
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -22,9 +22,10 @@ Votes = npt.NDArray[np.int8]
 
 GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pixels [m]: blurred facets of waves
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
-WIDEST_WINDOW, RARE_BRIGHT = 13, 2e-3
+WIDEST_WINDOW, RARE_BRIGHT, EVERYWHERE = 17, 2e-3, 0.8
 """Where the size of a pixel is not known: the largest window [pixel], and the share of isolated bright pixels up to
-which these are boats and piers at coarse pixels, not glint, which occurs everywhere on the sea."""
+which these may be boats and piers at coarse pixels. They are glint without land in view, or if they occur everywhere on
+the sea, in this share of its squares: .9 and more for dense sparkle, .1 to .6 for the boats of ports."""
 TAIL, LEAST_TAIL = 3.0, 0.5
 """The NIR of water ends `TAIL` times the distance from its median to its 99th percentile above the median: the
 brightness of glint decreases exponentially, and few pixels lie beyond. For water without glint, or rounded to integers,
@@ -87,9 +88,9 @@ def fit_water(
 
     In fine pixels glint is sparkle, as bright as land, but in small patches. Therefore a bright pixel is land only if a
     whole square that contains it is bright. The side of the square is the smallest with which no isolated bright pixels
-    (almost none if `pixel` is None) are left on the sea, and at most the width of a patch of glint. Boats, rocks and
-    floating plants are narrower. They are found with smaller squares, in which the NIR is much brighter than glint in
-    squares of this size, or brighter than the visible.
+    are left on the sea (almost none if they may be boats, see `RARE_BRIGHT`), and at most the width of a patch of
+    glint. Boats, rocks and floating plants are narrower. They are found with smaller squares, in which the NIR is much
+    brighter than glint in squares of this size, or brighter than the visible.
 
     looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
@@ -118,6 +119,7 @@ def fit_water(
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
     """The rule for blue or `brown` water; None without water. `light`: red / green and NIR / green of white."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
+    most = 0.0
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
         rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None)
@@ -125,8 +127,10 @@ def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown:
             return None
         if window == widest:
             break
-        left = view.sparkle(rule.threshold, window, widest, votes if pixel is None else None)
-        if left <= (RARE_BRIGHT if pixel is None else 0.0):
+        bright, sea = view.isolated(rule.threshold, window, widest, votes if pixel is None else None)
+        if pixel is None and window == 1 and view.may_be_boats(bright, sea):
+            most = RARE_BRIGHT
+        if sum(int(b.sum()) for b in bright) <= most * sum(int(s.sum()) for s in sea):
             break
     assert rule is not None
     solid = view.brighter(rule.threshold, window)
@@ -233,24 +237,30 @@ class _View:
             if red:
                 nir = np.where(nir > block[self.roles.visible[0]], nir, nir.dtype.type(level))
             nir = _opened_band(nir, open_sea, side)
-            for row in range(0, nir.shape[0] - SQUARE + 1, SQUARE):
-                for column in range(0, nir.shape[1] - SQUARE + 1, SQUARE):
-                    part = slice(row, row + SQUARE), slice(column, column + SQUARE)
-                    if open_sea[part].all():
-                        tops.append(float(nir[part].max()) - level)
+            tops += [float(nir[part].max()) - level for part in _squares(open_sea) if open_sea[part].all()]
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
-    def sparkle(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> float:
-        """Share of the sea that `brighter` marks with squares of side `window`, although it is far from land.
+    def isolated(
+        self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None
+    ) -> tuple[list[Mask], list[Mask]]:
+        """Masks (row, column) of each block: isolated bright pixels on the sea, and the sea far from land.
 
-        Land is what `brighter` marks with squares of side `widest`; all other pixels are sea. With votes, the share is
-        that of marked pixels which vote for water.
+        Bright pixels are those that `brighter` marks with squares of side `window`; with votes, only those that vote
+        for water. Land is what it marks with squares of side `widest`.
         """
-        solid, left = self.brighter(threshold, widest), self.brighter(threshold, window)
-        apart = [b & ~grown(o, 2 * widest + 1) for b, o in zip(left, solid, strict=True)]
+        near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
+        sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
+        bright = [b & s for b, s in zip(self.brighter(threshold, window), sea, strict=True)]
         if votes is not None:
-            apart = [a & (v > 0) for a, v in zip(apart, votes, strict=True)]
-        return sum(int(a.sum()) for a in apart) / max(self.pixels - sum(int(o.sum()) for o in solid), 1)
+            bright = [b & (v > 0) for b, v in zip(bright, votes, strict=True)]
+        return bright, sea
+
+    def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
+        """Whether masks from `isolated` may show boats: there is land, and not every square of the sea has some."""
+        if sum(int(s.sum()) for s in sea) == self.pixels:
+            return False
+        found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
+        return len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
         """Whether most pixels outside `solid` vote for water, and enough of those that do fill squares of 5 x 5 pixels.
@@ -265,6 +275,13 @@ class _View:
             together += int(filled_squares(like, ~v, side).sum())
         enough = 2 * alike > found and together >= max(min(LEAST_BODY, side * side), compact * found)
         return enough and (not compact or any((o & (a < 0)).any() for o, a in zip(solid, votes, strict=True)))
+
+
+def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
+    """Rows and columns of the squares of `SQUARE` x `SQUARE` pixels that lie in a mask (row, column)."""
+    for row in range(0, mask.shape[0] - SQUARE + 1, SQUARE):
+        for column in range(0, mask.shape[1] - SQUARE + 1, SQUARE):
+            yield slice(row, row + SQUARE), slice(column, column + SQUARE)
 
 
 def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
