@@ -46,6 +46,19 @@ def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
     assert not water(scene, fit_water([scene], ROLES, pixel=FINE))[:, 211:].any()
 
 
+def test_bright_spots_of_unknown_size_are_boats_only_near_land_and_only_at_some_places():
+    land = np.indices((200, 240))[1] > 180
+    for seen, count, share in ((False, 12, 1), (True, 12, 0), (True, 300, 1)):
+        scene, spots = open_water(glint=0.0), np.zeros((200, 240), np.uint8)
+        rows, columns = np.random.default_rng(6).integers(2, 150, (2, count))
+        spots[rows, columns] = 1
+        spots = cv2.dilate(spots, np.ones((2, 2), np.uint8)) > 0
+        put(scene, spots, (0.8, 0.8, 0.7, 0.45))
+        if seen:
+            put(scene, land, LAND, 0.25)
+        assert water(scene, fit_water([scene], ROLES))[spots].mean() == share
+
+
 def test_flashes_that_the_nir_alone_has_caught_are_no_land():
     """Bands of different instants: what is bright in the NIR is in no other."""
     scene = open_water(glint=0.0)
@@ -113,13 +126,14 @@ def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):
     ("name", "gsd"), [("thesis", 0.15), ("thesis-f30", 0.3), ("micasense", 0.2), ("worldview3", 0.5)]
 )
 @pytest.mark.parametrize("wind", [4.0, 11.0])
-def test_the_brightest_glint_of_a_sea_is_water(name, gsd, wind):
+@pytest.mark.parametrize("known", [True, False])
+def test_the_brightest_glint_of_a_sea_is_water(name, gsd, wind, known):
     """Its squares of 7 and more pixels stay below the brightest clumps of three quarters of the sea."""
     sensor = replace(preset(name), gsd=gsd)
     nir = min(range(len(sensor.bands)), key=lambda i: abs(sensor.bands[i].wavelength - 840))
     steps = np.array([b.full_scale for b in sensor.bands], np.float32)[:, None, None] / sensor.levels
     sea = simulate(Setup(sensor=sensor, size=(320, 320), wind=wind, sun_zenith=30.0, seed=21)).image * steps
-    rule = fit_water([sea], Roles(nir=nir, green=1), pixel=gsd)
+    rule = fit_water([sea], Roles(nir=nir, green=1), pixel=gsd if known else None)
     assert min(rule.core, rule.red_core) >= 7
     assert water(sea, rule).mean() > 0.9999
 

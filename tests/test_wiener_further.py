@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -98,10 +99,26 @@ def test_the_noise_of_a_sharpening_kernel_is_not_taken_for_the_level():
     around = (20 + glint + 5 / 3 * rng.normal(size=glint.shape)).ravel()
     value = np.full_like(prediction, 1e4)
     everywhere, one = np.ones(around.shape, bool), np.ones(1)
-    own, mean = (shared_level(LevelSample(prediction, value, a, prediction[:0], everywhere), one)[0][0]
+    own, mean = (shared_level(LevelSample(prediction, value, a, a, prediction[:0], everywhere), one)[0][0]
                  for a in (prediction[0], around))  # fmt: skip
     assert abs(mean - 20) < 0.5
     assert own < 18
+
+
+def test_the_ringing_of_resampling_is_not_taken_for_the_level_of_dense_glint():
+    rng = np.random.default_rng(6)
+    glint = gaussian_filter(rng.exponential(300, (512, 512)) * (rng.random((512, 512)) < 0.2), 0.7)
+    shift = np.array([[1.0, 0, 0.4], [0, 1, 0.3]])
+    found = cv2.warpAffine(20 + glint, shift, glint.shape, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    mean, binomial = cv2.blur(found, (3, 3)).ravel(), cv2.GaussianBlur(found, (3, 3), 0).ravel()
+    prediction, everywhere = found.reshape(1, -1), np.ones(found.size, bool)
+
+    def level(order):
+        sample = LevelSample(prediction, prediction + 1e4, mean, order, prediction[:0], everywhere)
+        return shared_level(sample, np.ones(1), resolved=True)[0][0]
+
+    assert abs(level(binomial) - 20) < 3
+    assert level(prediction[0]) < 10
 
 
 def test_errors_of_the_kernels_do_not_raise_the_level_under_dense_glint():
@@ -110,7 +127,7 @@ def test_errors_of_the_kernels_do_not_raise_the_level_under_dense_glint():
     value, everywhere = prediction - error, np.ones(40_000, bool)
     local = error / 15  # of means over 15 x 15 pixels
     means, pixels = (
-        shared_level(LevelSample(prediction, value, prediction[0], a, everywhere), np.ones(1))[0][0]
+        shared_level(LevelSample(prediction, value, *prediction, *prediction, a, everywhere), np.ones(1))[0][0]
         for a in (local, local[:0])
     )
     assert abs(means - 20) < 10
@@ -121,7 +138,8 @@ def test_noise_is_not_taken_for_a_sheet_where_sparkle_is_rare():
     rng = np.random.default_rng(5)
     prediction = 100 + 5 * rng.normal(size=(1, 40_000))
     prediction[0, ::400] += 2000
-    sample = LevelSample(prediction, 1e4 + prediction, prediction[0], prediction[:0], np.ones(40_000, bool))
+    everywhere = np.ones(40_000, bool)
+    sample = LevelSample(prediction, 1e4 + prediction, *prediction, *prediction, prediction[:0], everywhere)
     fine, coarse = (shared_level(sample, np.ones(1), resolved=r)[0][0] for r in (True, False))
     assert abs(fine - 100) < 5
     assert coarse < 88

@@ -245,14 +245,14 @@ class _View:
     ) -> tuple[list[Mask], list[Mask]]:
         """Masks (row, column) of each block: isolated bright pixels on the sea, and the sea far from land.
 
-        Bright pixels are those that `brighter` marks with squares of side `window`; with votes, only those that vote
-        for water. Land is what it marks with squares of side `widest`.
+        Bright pixels are those that `brighter` marks with squares of side `window`; with votes, without those that vote
+        against water. Land is what it marks with squares of side `widest`.
         """
         near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
         sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
         bright = [b & s for b, s in zip(self.brighter(threshold, window), sea, strict=True)]
         if votes is not None:
-            bright = [b & (v > 0) for b, v in zip(bright, votes, strict=True)]
+            bright = [b & (v >= 0) for b, v in zip(bright, votes, strict=True)]
         return bright, sea
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
