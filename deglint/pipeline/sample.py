@@ -141,7 +141,7 @@ def setting(job: Job) -> Setting:
         known = optics and {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
         psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
-    return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or np.inf)
+    return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or 0.0)
 
 
 def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
@@ -183,7 +183,7 @@ def _of_kernels(job: Job) -> FitRequest:
     return replace(
         job.request,
         regression="detrended",
-        resolved=(pixel or np.inf) < WAVES_RESOLVED,
+        resolved=(pixel or 0.0) < WAVES_RESOLVED,
         sparkle=(pixel or 0.0) < COARSE_PIXEL,
     )
 
