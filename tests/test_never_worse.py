@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
 
 from deglint import Recipe, correct, fit_scene, open_scene
 from deglint.physics.presets import preset
@@ -70,6 +71,25 @@ def test_methods_of_the_papers_are_not_better(made, wind, zenith, delay):
     ours = error(Recipe())
     for method in ("hedley", "joyce"):
         assert ours <= WORSE * error(Recipe(method=method, compensate="off")) + LITTLE, method
+
+
+@pytest.mark.parametrize(("wind", "delay"), [(5.0, 0.0), (7.0, 0.0), (9.0, 0.06)])
+def test_the_size_of_a_pixel_need_not_be_known(made, tmp_path, wind, delay):
+    """Images of drones have no coordinates; their flashes are glint all the same."""
+    scene, truth = made(wind, 0.0, delay=delay)
+    with rasterio.open(scene.path) as file:
+        profile, image = file.profile, file.read()
+        scales, tags = file.scales, [file.tags(i) for i in file.indexes]
+    profile.update(crs=None, transform=None)
+    with rasterio.open(tmp_path / "bare.tif", "w", **profile) as file:
+        file.write(image)
+        file.scales = scales
+        for i, known in enumerate(tags, 1):
+            file.update_tags(i, **known)
+    known, bare = (
+        errors(correct(s, fit_scene(s)), truth)[:VISIBLE].mean() for s in (scene, open_scene(tmp_path / "bare.tif"))
+    )
+    assert bare < 1.5 * known
 
 
 @pytest.mark.parametrize("sensor", ["thesis", "thesis-f30"])
