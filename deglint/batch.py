@@ -232,7 +232,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs on `count` processes of some threads each; `ended` is called with number and outcome of each job."""
+    """Run jobs on `count` processes with `threads` threads each; call `ended` with number and outcome of each job."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 
@@ -290,10 +290,10 @@ class _Worker:
 
 
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
-    """Main loop of a worker process: run jobs until the batch process ends the worker, or has ended itself.
+    """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
 
-    `line` is a pipe: jobs come in, and outcomes and log records go out. If not `talks`, only log records on the
-    remaining time are sent.
+    `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, only
+    log records on the remaining time are sent.
     """
     sent = logging.getLogger("deglint" if talks else "deglint.timing")
     sent.setLevel(logging.INFO)

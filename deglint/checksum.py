@@ -80,13 +80,13 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
 
 
 def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether the files that are read for some GDAL names are the files in `said` (fingerprints by path), unchanged."""
+    """Whether the files behind some GDAL names are those in `said` (fingerprints by path), and are not changed."""
     files = files_behind(names)
     return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
 
 
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file still has the fingerprint `said`; its content is read only if size and time do not decide."""
+    """Whether a file still has the fingerprint `said`; its content is read only if just the time differs."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

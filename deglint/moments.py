@@ -29,8 +29,8 @@ from .errors import InputError
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 _NEAR_MEAN = 0.9
-"""Largest share [1] of the sum of squares about a typical pixel that comes from its distance from the mean: it costs
-three bits of precision."""
+"""Upper limit for one pass: share [1] of the sum of squares about a typical pixel that is due to the distance of this
+pixel from the mean. A share of 0.9 costs three bits of precision."""
 CELL = 64  # side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics
 
 

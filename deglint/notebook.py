@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 PICTURE_SIDE = 192  # longest side of a picture [pixel]
 MOST_ROWS = 40  # most rows of a table; hyperspectral scenes have hundreds of bands
-GAMMA = 1.8  # pictures show values from 0 to 1 to the power 1 / GAMMA
+GAMMA = 1.8  # gamma correction: a picture shows x ** (1 / GAMMA) for values x from 0 to 1
 
 
 def shown(title: str, rows: Sequence[tuple[str, str]], picture: npt.NDArray[np.uint8] | None = None) -> str:

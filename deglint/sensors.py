@@ -56,7 +56,7 @@ class Sensor:
     title: str  # full name
     bands: tuple[SensorBand, ...]  # in the order of the manufacturer's product
     ordered: bool = True  # False: the order of bands differs between products; they are matched by name or wavelength
-    wavelength_status: str = UNVERIFIED  # where these values of the bands come from, as in the next two
+    wavelength_status: str = UNVERIFIED  # where the wavelengths of the bands come from; same for widths, groups
     width_status: str = UNVERIFIED
     group_status: str = UNVERIFIED
     optics: Optics | None = None

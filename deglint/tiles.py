@@ -27,8 +27,8 @@ MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large block
 SAMPLES_AT_ONCE = 32 << 20  # most values in all tiles in progress at a time; large tiles get fewer threads
 COMPACT = 512  # usual side of tiles for work that needs a halo and many copies [pixel]
 MOST_WITH_HALO = 3 << 20
-"""Most values of such a tile with its halo: removal holds a prediction for every band. With 5 << 20, two threads take
-310 MB instead of 225 MB, in the same time."""
+"""Most values in a tile of `compact` with its halo: removal keeps a prediction for every band in memory. With 5 << 20,
+two threads need 310 MB instead of 225 MB, and the same time."""
 LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the blocks of the file are strips
 
 
@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if this is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step

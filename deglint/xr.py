@@ -292,7 +292,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Sizes of chunks along an axis, their edges moved up to multiples of `step`, each at least `least` [pixel]."""
+    """Sizes of chunks along an axis, at least `least`, with their edges moved up to multiples of `step` [pixel]."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

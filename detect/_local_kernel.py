@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """out[k] = sum of values[k + m step] over m < `width`, from sums of 1, 2, 4, ...; overwrites `values`, `spare`."""
+    """out[k] = sum of values[k + m step] over m < `width`, by spans that double; overwrites `values`, `spare`."""
     done, span = 0, 1
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Fill `whole` with sums of first * second along rows over the window, `beside` with sums without the guard."""
+    """Sum first * second along rows: over the window into `whole`, over the window without the guard into `beside`."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -102,7 +102,7 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 
 @njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
-    """`distances` of `LANES` pixels at the same time, by Cholesky's factor, row by row.
+    """Compute `distances` of `LANES` pixels at the same time, by a Cholesky factorisation row by row.
 
     `root`, (bands + 1, bands, pixels), is an output: the rows of the factor, and a last row for the whitened pixels.
     """
@@ -147,10 +147,11 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of pixels from their rings, and the state of each.
 
-    DONE: the distance in `total` is valid. DEFICIENT: it is valid, without bands that depend linearly on others in both
-    ring and pixel. ASIDE: it is not valid, because the sums are not precise enough or the ring has too few pixels.
+    DONE: the distance is valid. DEFICIENT: it is valid, but bands that depend linearly on others, in both ring and
+    pixel, are left out. ASIDE: it is not valid: the sums are not precise enough, or the ring has too few pixels.
 
-    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels); total, state : outputs, (pixels,)
+    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels)
+    total, state : (pixels,), outputs: distances and states
     """
     bands, products = len(x), len(sums)
     root = np.zeros((bands + 1, bands, LANES))

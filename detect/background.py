@@ -90,7 +90,7 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Contribution of tiles to the background of a scene: moments of cells, and sampled pixels with their positions."""
+    """Contribution of tiles to the background of a scene: moments of cells (`deglint.moments`), and sampled pixels."""
 
     cells: CellMoments
     places: Int64  # (2, samples): rows and columns in the scene

@@ -133,9 +133,9 @@ def score_part(
 ) -> Scores:  # fmt: skip
     """Scores of the tile `part` of a scene, (row, column), from a block that contains the tile and its halo.
 
-    `held` is the tile of the block, (band, row, column); the halo ends at the edge of the scene. The first row and
-    column of `part` are multiples of `CELL`. The mask has the shape of the block, the flags have the shape of the
-    part. Other parameters as `local_rx`.
+    `block`, (band, row, column), has the pixels of the tile `held`: `part` and its halo, which ends at the edge of the
+    scene. The first row and column of `part` are multiples of `CELL`. The mask has the rows and columns of the block,
+    the flags those of the part. Other parameters as `local_rx`.
     """
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
@@ -156,7 +156,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and `STATES` of the tile `cell`, (row, column). `held`: tile of `block` and its valid pixels `good`."""
+    """Scores and states (`STATES`) of a cell, (row, column); `good`: valid pixels of the block, `held`: its tile."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():
@@ -180,7 +180,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """The cell with its halo, (1 + band, row, column): 1, then the bands minus their median; 0 where not valid."""
+    """A cell and its halo, (1 + band, row, column): ones, then the bands minus their median; 0 where not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
@@ -225,7 +225,7 @@ def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: 
 
 
 def _places(at: int, size: int, side: int, border: str) -> Int64:
-    """Rows (or columns) of the window around the row `at` of `size` rows; rows that are mirrored occur twice."""
+    """Rows (or columns) in a window of `side` rows around row `at` of `size` rows; mirrored rows occur twice."""
     first = at - side // 2
     if border == "shift":
         first = min(max(first, 0), size - side)

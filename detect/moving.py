@@ -1,9 +1,10 @@
 """Speed and heading of moving boats, from bands that are not simultaneous.
 
-A boat with velocity v is at p in one band, and at p + v t in a band recorded t later. Every detection in the first band
-is combined with every detection in the last band that a boat can reach. The uniform motion between them must meet a
-detection in each of the other bands. Detections deviate from the water around them. Waves and sparkle are at unrelated
-places in every band, so that no uniform motion fits them. Three bands are needed: a motion fits any two detections.
+A boat with velocity v is at p in one band, and at p + v t in a band recorded t later. A detection is a place with high
+contrast to the water around it. Every detection in the first band is combined with every detection in the last band
+that a boat can reach. The uniform motion between them must meet a detection in each of the other bands. Waves and
+sparkle are at unrelated places in every band, so that no uniform motion fits them. Three bands are needed, because a
+uniform motion fits any two detections.
 """
 
 import math

@@ -25,7 +25,7 @@ from .arrays import Array, Float64
 THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # from a fit to the tail, a rank, and two for a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50  # minimum number of scores that a distribution is fitted to
-_TAIL = 0.01  # fraction of the scores that it is fitted to; larger for high rates and for few scores
+_TAIL = 0.01  # fraction of the scores that a distribution is fitted to; larger for high rates and for few scores
 _ENOUGH = 10  # minimum number of scores above a quantile that replaces the fit: fewer may all be pixels of one object
 _POOR_FIT = 0.05  # Kolmogorov distance from which a fitted tail is called poor
 _SPLINE_END, _SPLINE_NODES, _SPLINE_LEAST = 80.0, 8001, 1e-290

@@ -7,8 +7,8 @@ from ..compensate.targets import LEAST_DELAY
 
 SMALLEST_OPENING, LARGEST_OPENING = 5, 13
 """Windows of a morphological opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
-OF_OBJECT = 0.85  # largest window relative to the width of the smallest object: it preserves the object's corners
-LONG = 1.5  # least width of a window in widths of a clump of glint, so that it reaches the water on both sides
+OF_OBJECT = 0.85  # largest window over the width of the smallest object, such that the object's corners are preserved
+LONG = 1.5  # least window over the width of a clump of glint, such that it reaches water on both sides of the clump
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,11 @@ SHARE = 0.01  # assumed share of a scene that objects cover, and that plumes cov
 SIGNAL = 0.05
 """Root mean square of a signal that is assumed at every scale besides the signal S, relative to the water: the weakest
 that an analyst sees in an image without glint. Sample tiles are few, and may not contain the objects of interest."""
-ZERO_GAIN = 0.05  # lower limit of gains where they divide: the uncertainty of a gain estimated from a few tiles
+ZERO_GAIN = 0.05  # lower limit of a gain as a divisor: the uncertainty of a gain that is estimated from a few tiles
 HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
 GLINT_OF_NIR = 2.0
-"""Largest texture of glint in a band, divided by its texture in the NIR and by the spectrum of glint: 0.6 to 1.3 in
-simulated seas, up to 1.9 at the finest scale, where bands differ in blur. Shallow bottoms have up to 80."""
+"""Largest ratio of the texture of glint in a band to that in the NIR, divided by the spectrum of glint: 0.6 to 1.3 in
+simulated seas, up to 1.9 at the finest scale, where bands differ in blur. For shallow bottoms the ratio is up to 80."""
 LEAST_GLINT_PERCENT = 10.0
 """Share of the pixels that count as pixels with the least glint [%]: small, so that glint is weak; large enough (ten
 thousand pixels in eight tiles) that the power of their texture is known to a few percent."""
@@ -51,7 +51,7 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
     Texture is the difference of local means over two successive `SCALES`; at the last scale, it is the local mean minus
     the mean of its tile.
 
-    images, inside : (band, row, column) and (row, column) of each tile; True where pixels are used
+    images, inside : for each tile, (band, row, column), and (row, column) mask of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default all inside
     """
@@ -80,7 +80,7 @@ def least_signal(
     """Lower limit of the power of the scene's own texture, (scale,): what neither noise nor glint explains.
 
     images : (band, row, column) of each tile, without compensation
-    inside, unit : as for `powers`; the limit is the mean over the bands, each relative to the square of its unit
+    inside, unit : as for `powers`; the result is the mean over the bands, each divided by the square of its unit
     noises : (band,) standard deviation of the noise [unit of the band]
     nir : 0-based NIR band
     spectrum : (band,) glint in each band, divided by the glint in the NIR band
@@ -101,7 +101,7 @@ def least_signal(
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
     """Mask of each tile, (band, scale, row, column), of the pixels with the least glint around them.
 
-    glint, inside : (band, row, column) and (row, column) of each tile; the masks lack the coarsest scale
+    glint, inside : as `images` and `inside` of `powers`; there are no masks for the coarsest scale
     """
     import cv2
 
@@ -118,7 +118,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share, above 0, of True pixels in the square around each pixel, (row, column), for `SCALES` but the first."""
+    """Share of True pixels in the square around each pixel, (row, column), positive; for each of `SCALES[1:]`."""
     import cv2
 
     known = mask.astype(np.float32)
@@ -130,8 +130,8 @@ def level_excess(
 ) -> Float64:
     """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
 
-    The medians of each band are compared, in its unit. The result is the root mean square of the excess over the bands,
-    minus `SIGNAL`.
+    The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
+    over the bands, minus `SIGNAL`.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as for `powers`

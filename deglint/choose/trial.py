@@ -22,18 +22,19 @@ from .score import expected_errors, least_glint, least_signal, level_excess, pow
 WATER_PERCENTILE = 10.0
 """Percentile of a band over the sample that estimates the water without glint (water level) [%]."""
 EQUAL_ERRORS = 1.05
-"""Candidates whose expected error is within this factor of the least count as equal; the simplest is chosen."""
+"""Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen."""
 WORTH_REMOVING = 0.85
-"""Ratio of the expected errors of the best candidate and of a copy from which on the scene is copied: a copy changes
-nothing, so a change must promise an improvement of at least 15 %."""
+"""The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
+copy changes nothing, so a change must promise an improvement of more than 15 %."""
 LARGEST_DISC = 16.0
 """Width of the widest implanted disc [pixel]: wider ones are preserved by every window that is tried."""
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard deviations]
 EVEN, MIRRORED = 0.55, 0.2
-"""Least even share (`even_share`) and largest standard deviation, relative to the water, of mirrored sky: .55 to 1.3
-and .003 to .05 in simulated seas. Dense sun glint is as even, but varies by .4 to 1.3; sparse sun glint is not even."""
+"""Mirrored sky has at least this even share (`even_share`), and at most this standard deviation relative to the water:
+.55 to 1.3 and .003 to .05 in simulated seas. Dense sun glint has a similar even share, but a standard deviation of .4
+to 1.3; sparse sun glint has a smaller even share."""
 LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer pixels do not determine texture
 
 

@@ -117,7 +117,7 @@ def summary(found: list[Any]) -> list[str]:
 
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
-    """Text on the bytes to read and write, by headers. `paths`: files per scene; `options`: of `deglint.open_scene`."""
+    """Text: size of the pixels of all scenes, from headers. `paths`: files per scene; `options`: for `open_scene`."""
     from ..errors import DeglintError
     from ..raster.environment import environment
     from ..readers import open_scene

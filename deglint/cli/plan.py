@@ -38,7 +38,7 @@ def minutes(text: str) -> float:
 
 PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.model", "sensor": "sensor.preset",
           "slopes": "models.slopes", "sky": "models.sky"}  # fmt: skip
-"""Table and key in a mission file, "table.key", of options by name; `number` adds those that are numbers."""
+"""For each option, its table and key in a mission file as "table.key"; `number` adds the options that take a number."""
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:

@@ -47,9 +47,9 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time in the tables of a mission: for a sweep the highest sun, for a page without time the next daylight.
+    """Set the time of a mission: for a sweep, that of the highest sun; for a page without a time, the next daylight.
 
-    The tables are returned without change in all other cases, and if they have no place.
+    Return the tables of the mission. They are unchanged in all other cases, or if latitude or longitude is missing.
     """
     place = dict(tables.get("place", {}))
     if "latitude" not in place or "longitude" not in place:

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 # Names for --help, which does not load the simulator; a test compares them with the real names.
 KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
-"""Size of one pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, its mask, and cover."""
+"""Size of a pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, glint mask, cover class."""
 LEAST_SIDE, MOST_SIDE = 8, 16384  # limits of the side of an image [pixel]
 SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
 SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
@@ -37,7 +37,7 @@ def _depths(text: str) -> tuple[float, float]:
 
 
 def _boat(text: str) -> tuple[float, ...]:
-    """Place to the right and down [m], speed [m/s] and heading [degree] from "RIGHT,DOWN,SPEED@HEADING"."""
+    """Position from the upper left [m], speed [m/s], heading [degree] from "RIGHT,DOWN,SPEED@HEADING"."""
     place, _, heading = text.partition("@")
     right, down, speed = (float(part) for part in place.split(","))
     return right, down, speed, float(heading or 0.0)
@@ -163,7 +163,7 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """Path without ending, and setup, of each scene that the options describe."""
+    """The scenes that the options describe: for each, the path without ending, and the `Setup`."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
@@ -193,7 +193,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
-    """Random misregistration of each band, down and right, up to `most` [pixel]; 0 for the first band."""
+    """Random misregistration (down, right) of each band, up to `most` [pixel]; 0 for the first; () if `most` is 0."""
     import numpy as np
 
     if most == 0:

@@ -29,8 +29,8 @@ OPENING_WINDOW = 13
 """Default window [pixel]: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
 SMALLEST_OUTLINE = 7  # smallest window [pixel] for which the octagon and the diamond differ from the square
 MOST = 2.0
-"""Upper limit of the outline detail of a band, relative to the brighter of its neighbours in time, in units of glint:
-about the factor by which one metre of water changes the ratio of two visible bands."""
+"""Upper limit of the outline detail of a band over the larger detail of its two neighbours in time, both in units of
+glint: about the factor by which one metre of water changes the ratio of two visible bands."""
 RARE_SPARKLE = 0.99
 """Quantile of the outline detail of the NIR bands, which is sparkle. `ABOVE` times this quantile is the limit from
 which outline detail is used. About one clump in ten windows exceeds the quantile."""
@@ -200,9 +200,8 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it.
 
-        Pixels in which only noise exceeds the background are marked, too. If only pixels were marked that exceed it by
-        a standard deviation of noise, errors would change by less than 2 %; but by 19 % in dense glint, as faint glint
-        would be missed.
+        Pixels in which only noise exceeds the background are marked, too. A limit of one standard deviation of noise
+        would change errors by less than 2 %, but by 19 % in dense glint, as faint glint would be missed.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]

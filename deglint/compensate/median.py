@@ -53,8 +53,8 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     Returns
     -------
     (ndarray, ndarray)
-        The band after replacement, and the mask of replaced pixels. The lower one of the middle two is taken if the
-        number of values is even.
+        The band after replacement, and the mask of replaced pixels. For an even number of values, the median is the
+        lower of the two middle values.
 
     References
     ----------

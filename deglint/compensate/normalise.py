@@ -45,8 +45,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
     """Determine the level of water in each band.
 
     `number`: if more than this percentage of the pixels are glint, the mode is used instead of the median. By default
-    the median is always used. In a band with glint the median is too high; if the band replaces another, this partly
-    compensates for its glint. Raises FitError: a band has no positive level.
+    the median is always used. With glint, the median is too high and the normalised band too low, which partly
+    compensates for its glint if the band replaces another. Raises FitError: a band has no positive level.
 
     References
     ----------

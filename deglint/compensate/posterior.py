@@ -40,12 +40,12 @@ CLUMP_REACH = 0.9
 the results by less than 5 %."""
 NARROWEST_CLUMP = 3  # lower limit of the width of a clump [pixel]: the mean of fewer pixels is too uncertain
 WAVES_RESOLVED, RESOLVED, STRONG_QUANTILE = 5.0, 3.0, 0.993
-"""Pixels of at least `WAVES_RESOLVED` [m] hold whole waves: their texture grows with the waves. There an image changes
-only if pixels with strong glint (above `STRONG_QUANTILE`) have more than `RESOLVED` times the standard deviation of
-pixels with little glint, in the mean over bands. Texture alone gives a ratio of 1.1 to 2.7 at 10 m."""
+"""Pixels of at least `WAVES_RESOLVED` [m] hold whole waves: their texture grows with the waves. Such an image is
+changed only if pixels with strong glint (above `STRONG_QUANTILE`) have more than `RESOLVED` times the standard
+deviation of pixels with little glint, in the mean over bands. Texture alone gives a ratio of 1.1 to 2.7 at 10 m."""
 WIDEST_CLUMP = 32  # largest lag of the autocorrelation of glint [pixel]
 TABLE_ENTRIES = 2048
-"""Entries of the lookup table of variances, denser for little glint: direct interpolation is ten times slower."""
+"""Number of entries of the lookup table of variances, denser for little glint; np.interp is ten times slower."""
 LEAST_VARIANCE = np.float32(0.01)
 """Lower limit of the variance of the water, relative to the variance of noise."""
 UNKNOWN = np.float32(1e6)
@@ -64,7 +64,7 @@ class LeftOver:
     band: int  # 0-based
     sigma: float  # standard deviation of noise [unit of the band]
     glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
-    variance: tuple[float, ...]  # at these amounts [unit of the band squared]
+    variance: tuple[float, ...]  # variance of the glint that is left, at these amounts [unit of the band squared]
     ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
 
     def of(self, glint: Float32) -> Float32:

@@ -27,13 +27,13 @@ class ReplaceLevel:
 class ReplaceBands:
     """The stage `replace-bands`: replace glint by the value of the spectrally nearest band without glint.
 
-    Values are relative to deep water (stage `normalise`), and the contrast with it is assumed to be the same in both
+    Values are relative to deep water (stage `normalise`). The contrast with deep water is assumed to be equal in both
     bands. The texture of the image is kept. Glint below the threshold is copied, too, and coloured objects change.
     """
 
     name: ClassVar[str] = "replace-bands"
     halo: ClassVar[int] = 0
-    order: tuple[tuple[int, ...], ...]  # for each band the others, the nearest in wavelength first
+    order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
         """Replace glint; pixels with glint in every band stay marked."""

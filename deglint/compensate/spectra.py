@@ -1,4 +1,4 @@
-"""Spectra of targets on the sea and of flashes of sparkle that last, and normal distributions of them (models).
+"""Models (normal distributions) of the spectra of targets on the sea, and of flashes of sparkle that last.
 
 Targets are painted (their spectra have edges), or grey and under 0 to 5 m of water. Measured spectra are not needed:
 eight bands do not resolve their details.
@@ -34,7 +34,7 @@ SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 half of these), and the part that is not smooth."""
 CHANGE = 1.0
 """Standard deviation of the linear and of the quadratic change of a lasting flash from the first to the last band,
-relative to its brightness: any rise or fall."""
+relative to its brightness: large enough for any rise or fall."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 

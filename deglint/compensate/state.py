@@ -82,7 +82,7 @@ class Setting:
     bands: tuple[Band, ...]  # all bands of the scene
     nir: tuple[int, ...]  # 0-based bands that show glint but no signal of the water
     psfs: tuple[PSF, ...] | None = None  # PSF of each band; None if not known
-    pixel: float = 0.0  # side of a pixel on the ground [m], 0 where not known: like fine pixels
+    pixel: float = 0.0  # side of a pixel on the ground [m]; 0: not known, treated like fine pixels
 
     @cached_property
     def wavelengths(self) -> Float64:

@@ -41,20 +41,21 @@ RATE, TOGETHER = 1e-5, 2.8
 """`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
 `TOGETHER`: factor for the sum over 3 x 3 pixels, as the blurred light of one facet raises S in about three pixels."""
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
-"""One in ten of the pixels that are bright by sparkle in all bands has the spectrum of a target. One flash makes about
-four of 3 x 3 pixels bright."""
+"""`SPECTRA_ALIKE`: of the pixels that sparkle makes bright in all bands, one in ten has the spectrum of a target.
+`LIT_TOGETHER`: one flash makes about four of 3 x 3 pixels bright."""
 LEAST_DELAY, FEWEST_BANDS = 0.01, 4
-"""Least time between the first and the last band [s]: ripples change in it. Fewest bands: three always fit the three
-parameters of a smooth spectrum."""
+"""Least time between the first and the last band [s], in which ripples change; and fewest bands, as three bands always
+fit the three parameters of a smooth spectrum."""
 LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
 MANY_FOUND, UNEXPLAINED, LIKELIER = 0.003, 5.0, 0.7
-"""`MANY_FOUND`: share of water above which detections may be flashes that last (0.4 to 3 %); 0.3 % is a boat on each
-hectare. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing sparkle. `LIKELIER`:
-the mean log likelihood ratio of flash and target in these pixels, within +- `UNEXPLAINED`, is above this (a factor of
-two) where flashes last: 1.2 to 2.6; for boats, swimmers and whitecaps it is -0.4 to 0.3."""
+"""`MANY_FOUND`: if detections cover more than this share of water, they may be flashes that last (0.4 to 3 %); a boat
+on each hectare covers 0.3 %. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing
+sparkle. `LIKELIER`: flashes last if the mean log likelihood ratio of flash and target in these pixels, clipped to +-
+`UNEXPLAINED`, exceeds this (a factor of two): it is 1.2 to 2.6 where flashes last; -0.4 to 0.3 for boats, swimmers and
+whitecaps."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
@@ -372,7 +373,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels that are `steady` in all bands. Faint: lit in the first band, up to the median of these."""
+    """Share of faint pixels that are `steady` in all bands. Faint: lit in the first band, at most the median there."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

@@ -45,7 +45,7 @@ class ReplacedError:
     band: int  # 0-based
     noise: float  # variance of noise, for pixels that were not replaced
     even: float  # error variance of a replaced pixel where the background is uniform
-    relief: float  # increase of `even` per square of the local range (`SPAN`) of the background [1]
+    relief: float  # increase of the error variance per square of the local range (`SPAN`) of the background [1]
 
 
 def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
@@ -138,8 +138,8 @@ def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior
     """Measure the glint left in a sample after a removal alone; returns a stage that only sets `State.variance`.
 
     The true slope is 1 to 1 / rho times the slope of least squares; rho is the correlation of the band with the glint.
-    The factor is 1 if the rest of the band is signal of the water, and 1 / rho if it is glint that moved between the
-    bands. All factors between are equally likely: the relative standard error of the slope is (1 / rho - 1) / sqrt(3).
+    The factor is 1 if the variance that glint does not explain is signal of water, 1 / rho if it is glint that moved
+    between bands. All factors between are equally likely: the slope's relative standard error is (1/rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}

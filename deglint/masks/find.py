@@ -23,9 +23,9 @@ Votes = npt.NDArray[np.int8]
 GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pixels [m]: blurred facets of waves
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
 WIDEST_WINDOW, RARE_BRIGHT, EVERYWHERE = 17, 2e-3, 0.8
-"""Where the size of a pixel is not known: the largest window [pixel], and the share of isolated bright pixels up to
-which these may be boats and piers at coarse pixels. They are glint without land in view, or if they occur everywhere on
-the sea, in this share of its squares: .9 and more for dense sparkle, .1 to .6 for the boats of ports."""
+"""If the size of a pixel is not known: the largest window [pixel], and the share of the sea up to which isolated bright
+pixels may be boats and piers in coarse pixels. They are taken for glint if no land is in view, or if at least the share
+`EVERYWHERE` of the squares of sea has some: .9 and more for dense sparkle, .1 to .6 for the boats of ports."""
 TAIL, LEAST_TAIL = 3.0, 0.5
 """The NIR of water ends `TAIL` times the distance from its median to its 99th percentile above the median: the
 brightness of glint decreases exponentially, and few pixels lie beyond. For water without glint, or rounded to integers,
@@ -34,8 +34,8 @@ DARKEST, MAX_SHEET = 10, 8.0
 """The darkest water is one in `DARKEST` pixels of water. Glint and haze may brighten whole areas by up to `MAX_SHEET`
 times the difference between visible and NIR of the darkest water. Clouds are brighter."""
 WHITEST, WHITE_SHARE = 0.2, 2.0
-"""Share of the pixels from which the colour of white is determined, the brightest [%], and the least ratio of their
-green to the green of the darkest pixels: turbid water has a smaller ratio."""
+"""Share of the brightest pixels, from which the colour of white is determined [%]; least ratio of their green to the
+green of the darkest pixels: turbid water has a smaller ratio."""
 PLAIN_WHITE, SUN = (1.0, 1.0), (0.85, 0.57)
 """Red over green and NIR over green of white, in reflectance and in radiance (solar irradiance at 660, 840, 560 nm)."""
 COARSE_PIXEL = 1.0
@@ -48,18 +48,18 @@ CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 """The brightest clump of glint is the brightest square of `CLUMP` pixels in a square of `SQUARE` pixels of sea, as the
 `ORDINARY`-th percentile over at least `LEAST_SQUARES` such squares: in the others there may be boats."""
 CORE, OF_CLUMP = 7, 0.3
-"""Boats and narrow land are brighter than this clump all over a larger square: the smallest, from `CORE` pixels on, in
-which glint, measured in the same way, is at most `OF_CLUMP` times as bright, and at most half as wide as a patch of
-glint. The margin is for the brightest glint of a scene, several times as bright as this clump. The same is done with
-only the pixels that have more NIR than visible: in glint they hardly ever fill a square of 7 pixels."""
+"""Boats and narrow land are brighter than this clump all over a larger square. Its side is the smallest, from `CORE`
+pixels to half the width of a patch of glint, with which glint, measured in the same way, is at most `OF_CLUMP` times as
+bright as the clump. The margin is for the brightest glint of a scene, several times as bright as the clump. A second
+square is for pixels that have more NIR than visible: in glint they hardly ever fill a square of 7 pixels."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
 COMPACTNESS = 0.7
 """Least share of brown water in squares of 5 x 5 pixels: a town, of the same colour in radiance, is less compact."""
 SATURATED = 1e-3
-"""Least share of pixels with the highest NIR for this NIR to be saturated. It must also exceed dark water by more than
-visible and NIR differ: the NIR of calm water has few values in images of 8 bits."""
+"""The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
+more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
@@ -246,7 +246,7 @@ class _View:
         """Masks (row, column) of each block: isolated bright pixels on the sea, and the sea far from land.
 
         Bright pixels are those that `brighter` marks with squares of side `window`; with votes, without those that vote
-        against water. Land is what it marks with squares of side `widest`.
+        against water. Land is what `brighter` marks with squares of side `widest`.
         """
         near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
         sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
@@ -263,9 +263,10 @@ class _View:
         return len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether most pixels outside `solid` vote for water, and enough of those that do fill squares of 5 x 5 pixels.
+        """Whether most pixels outside `solid` vote for water, and enough of these votes fill squares of 5 x 5 pixels.
 
-        compact : least share of the pixels outside `solid` in such squares; if not 0, a solid pixel must vote not water
+        compact : least share of the pixels outside `solid` in such squares. If it is not 0, there must also be a solid
+            pixel that votes against water
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -308,8 +309,8 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> WaterRule | None:
     """The rule for squares of side `window` [pixel]; None if there is no water.
 
-    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If all
-    pixels vote for water, it is the end of the NIR of water, with `sparkle` that of glint.
+    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If there
+    is nothing but water, the threshold is the upper end of the NIR of water, or of glint with `sparkle`.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -362,7 +363,7 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """Upper end of the gap in sorted values (pixel,): of the highest histogram bin with (nearly) the fewest values."""
+    """End of the gap in sorted values (pixel,): upper edge of the highest histogram bin with (nearly) fewest values."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

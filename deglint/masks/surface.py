@@ -113,7 +113,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column) of pixels that are not water: in squares too bright for glint, or not of its colour."""
+    """Mask (row, column) of pixels that are not water: in squares too bright for glint, or without its colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)

@@ -128,7 +128,7 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for each node of the slope across the view: nodes of the slope along the view, this slope, and weights.
+    """Yield, for each node of the slope across the view: nodes of the slope along it, the slope across it, and weights.
 
     The nodes along the view are limited to facets that reflect the sky, not the sea, because the integrand is smooth
     there. `zenith` is the zenith angle of the sensor [degree]; variances are of the slopes along and across the view.

@@ -238,7 +238,7 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Winds (n,) [m/s]; for each, integral of the Gram-Charlier density where it is negative, without sign (n,) [1].
+    """Winds (n,) [m/s]; for each, minus the integral of the negative part of the Gram-Charlier density (n,) [1].
 
     Linear interpolation between the winds is accurate to 5e-6.
     """

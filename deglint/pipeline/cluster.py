@@ -21,7 +21,7 @@ from ..raster.environment import environment
 from ..tiles import Tile
 
 TILES_AHEAD = 3  # tiles in progress, or finished and not fetched yet, for each thread of a worker
-WORKER_PATIENCE = 60.0  # time without a result after which the cluster is asked for its workers [s]
+WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
 _CONNECT = 15.0  # time limit of a connection to the scheduler, and of the wait for a worker [s]
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
 
@@ -83,7 +83,7 @@ class Cluster:
             raise DeglintError(_LOST) from error
 
     def memory(self) -> dict[str, int]:
-        """Peak memory of each worker process so far [byte]."""
+        """Peak memory of each worker process so far [byte]; keys are the addresses of the workers."""
         with _answering():
             return dict(self.client.run(_peak))
 

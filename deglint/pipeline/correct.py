@@ -31,21 +31,21 @@ from .sample import Training, sample_of
 CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
-STRIP = 4 << 20  # most values in a tile of several cells, for files stored in strips: few strips are then read twice
+STRIP = 4 << 20  # most values in a tile of several cells, for files in strips: wide tiles read few strips twice
 TILES = 8  # number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more
 TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 
 @dataclass(eq=False)
 class Corrected:
-    """One corrected tile, as it is written to the outputs; what is not wanted is None."""
+    """One corrected tile, as it is written to the outputs; values that were not requested are None."""
 
     raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
     tally: PixelCounts
-    valid: Mask | None = None  # (row, column) mask of valid pixels
+    valid: Mask | None = None  # (row, column), valid pixels; None if the output has no mask
     flags: npt.NDArray[np.uint8] | None = None  # (2, row, column), flags and class of sun glint
     amount: npt.NDArray[np.float32] | None = None  # (band, row, column), removed glint of `Correction.amount_bands`
-    stderr: npt.NDArray[np.float32] | None = None  # (band, row, column), of `Correction.changed`
+    stderr: npt.NDArray[np.float32] | None = None  # (band, row, column), standard errors of `Correction.changed`
 
 
 @dataclass(eq=False)
@@ -54,8 +54,8 @@ class Block:
 
     tile: Tile
     outer: Tile  # the tile with its halo
-    raw: Any  # (band, row, column), numbers of the file in the tile
-    valid: Any  # (band, row, column), mask of valid numbers; None if all are valid
+    raw: Any  # (band, row, column), file values of the tile
+    valid: Any  # (band, row, column), mask of valid file values; None if all are valid
     wide: Any  # (band, row, column), physical values in `outer`
     water: Mask  # (row, column), pixels of `outer` that may be corrected
     known: Mask  # (row, column), valid pixels of the tile
@@ -63,7 +63,7 @@ class Block:
     changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # 0-based bands, and where they changed
     replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
     targets: Mask | None = None  # (row, column), protected pixels
-    errors: Any = None  # (band, row, column), standard errors; computed with a chain, or if wanted
+    errors: Any = None  # (band, row, column), standard errors if wanted, else zeros or None
 
     @property
     def own(self) -> Any:
@@ -80,15 +80,15 @@ class Correction:
     layout: Layout  # of the corrected image
     chain: Chain = field(default_factory=Chain)
     area: Area | None = None  # pixels that may be corrected, if the user has given a mask
-    water: WaterRule | None = None  # else the rule that finds these pixels; None: all pixels
+    water: WaterRule | None = None  # without `area`: rule that finds the pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
     want_flags: bool = False
     want_amount: bool = False
-    noise: tuple[float, ...] = ()  # of each band in `changed`, for the classes of sun glint
+    noise: tuple[float, ...] = ()  # standard deviation of noise of each band in `changed`, for glint classes
     want_stderr: bool = False
-    replaced: tuple[ReplacedError, ...] = ()  # for standard errors with an opening: one for each band
-    left: Posterior | None = None  # for standard errors of a removal without stages
+    replaced: tuple[ReplacedError, ...] = ()  # one per band: standard errors of a chain with an opening
+    left: Posterior | None = None  # estimates the variance, for standard errors of a removal without stages
 
     @property
     def amount_bands(self) -> list[int]:
@@ -211,8 +211,8 @@ class Correction:
         block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
 
     def _states(self, block: Block) -> Iterator[tuple[State, Any, Any]]:
-        """For each cell of the tile: its state with a halo after the chain, slices of the cell in the state, and slices
-        of the cell in the tile. Sets `block.errors` if standard errors are wanted.
+        """Apply the chain to each cell; yield the state with a halo, and the slices of the cell in the state and in the
+        tile. If standard errors are wanted, they are written to `block.errors`.
         """
         tile, outer = block.tile, block.outer
         block.errors = np.zeros((len(block.wide), *tile.shape), np.float32)

@@ -38,13 +38,13 @@ DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  
 class Outputs:
     """Names and options of the outputs."""
 
-    image: Path  # the deglinted raster; its sidecar is this with ".json" appended
+    image: Path  # the corrected raster; the sidecar has its name with ".json" appended
     flags: Path | None = None  # flags and classes of sun glint
     amount: Path | None = None  # amounts of sun glint removed
     stderr: Path | None = None  # standard errors
     sample: Path | None = None  # the sample as GeoJSON
     model: Path | None = None  # the fitted model
-    picture: Path | None = None  # before and after
+    picture: Path | None = None  # picture of the image before and after the correction
     overwrite: bool = False  # replace existing files
     dtype: str | None = None  # data type of the image; the type of the input by default
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
@@ -71,7 +71,7 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Numbers of pixels of a tile or a run; numbers by band are an array in scene order, or one 0 for all."""
+    """Numbers of pixels of a tile or a run. Those "for each band" are an array (band,) in scene order, or 0 for all."""
 
     total: int = 0
     nodata: int = 0
@@ -250,7 +250,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """Reasons why water was not searched in the scene ("water mask"), and why a band was not corrected (its name)."""
+    """Reasons why no water was searched for (key "water mask"), and why bands were not corrected (key: the name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
@@ -301,7 +301,7 @@ def load_chain(path: str) -> Chain:
 
 
 def _load(path: str) -> tuple[GlintModel, Chain]:
-    """Read what `saved` returns as text."""
+    """Read the model and the compensation from a file with the text that `saved` returns."""
     text = read_text(path, "--model")
     try:
         model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")

@@ -1,4 +1,4 @@
-"""What is read of a scene for a fit: tiles that are read first, with the rule for water, and where the sample lies."""
+"""Tiles of a scene that are read for a fit: overviews, in which water is found, and tiles that contain the sample."""
 
 import math
 import re
@@ -40,7 +40,7 @@ class Overview:
 
     tiles: tuple[Tile, ...]  # tiles that were read
     roles: Roles  # the visible and NIR bands of the scene
-    water: WaterRule | None  # None if it is not wanted, or if the scene has no visible band
+    water: WaterRule | None  # None if it was not requested, or if the scene has no visible band
     whole: bool  # the overview covers the whole scene
 
 
@@ -94,7 +94,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview with water, else the last; without a water rule (see `Overview.water`), simply the first."""
+    """The first overview with water, or the last if none has water; the first if there is no `Overview.water`."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break
@@ -142,14 +142,14 @@ class Job:
     request: FitRequest
     overview: Overview
     threads: int
-    note: Callable[[int, int], None] | None  # called with the number of tiles that are done, and of all
+    note: Callable[[int, int], None] | None  # called with the numbers of finished tiles and of all tiles
     run: tiling.Run  # function that processes tiles
     want_sample: bool  # return the outline of the sample
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
         """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
 
-        `halo`: pixels around a tile that `work` reads; `note`: called with the number of tiles done, and of all
+        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished tiles and of all.
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)

@@ -152,7 +152,7 @@ def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
 
 SMALLEST_OBJECT = 4.0
 """Default width of the smallest object to keep: a boat, a person with raised arms seen from above, a buoy [m]."""
-UNKNOWN_OBJECT = 16.0  # the same if the pixel size is not known [pixel]
+UNKNOWN_OBJECT = 16.0  # default width of the smallest object if the pixel size is not known [pixel]
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:

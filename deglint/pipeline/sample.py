@@ -39,11 +39,11 @@ from .outputs import log
 from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Mask, Sampler, role_bands
 from .recipe import smallest_object
 
-HALO = 64  # halo around a training tile, for windows, kernels and clumps of its first stages [pixel]
+HALO = 64  # halo around a training tile [pixel]: windows, kernels and clumps of the first stages need it
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 """Number and side of the squares on which candidates are tried, and their halo [pixel]. The time of the trials, two to
 three seconds on two processors, is proportional to their area."""
-AS_LARGE = 0.9  # squares whose sample has at least this share of the largest one's pixels serve equally well
+AS_LARGE = 0.9  # squares with samples of at least this share of the largest sample are equally suited for trials
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
@@ -51,7 +51,7 @@ LEAST_CELLS = 40
 25, where a few clumps of sparkle contain most of the glint, real errors were up to 24 times the estimated errors; with
 more than 40, up to 1.3 times."""
 GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
-READ_MARGIN = 1.1  # safety factor on the pixels to read, as if the error fell with the square root of their number
+READ_MARGIN = 1.1  # safety factor on the pixels to read, for an error that falls with the square root of their number
 
 Place = tuple[Window | None, list[Any]]
 """Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""
@@ -64,10 +64,10 @@ class Training:
     """A training tile: a part of a scene that is read for a fit, with the halo that stages need."""
 
     tile: Tile
-    outer: Tile  # with the pixels around
-    block: FloatArray  # of `outer`, physical values of all bands
-    water: Mask  # of `outer`, where it is water
-    sample: Mask  # of `tile`: water to learn from, away from shores, or the sample that the user named
+    outer: Tile  # the tile with its halo
+    block: FloatArray  # (band, row, column) of `outer`, physical values of all bands
+    water: Mask  # (row, column) of `outer`, True for water
+    sample: Mask  # (row, column) of `tile`: water away from shores, or the sample that the user selected
 
     @property
     def inside(self) -> Mask:
@@ -77,7 +77,7 @@ class Training:
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
-        """The tile without its halo, for methods that use neighbouring pixels. `image`: the block after some stages."""
+        """The tile without its halo, for methods that use neighbouring pixels; `image` replaces `block` if given."""
         core = self.tile.within(self.outer)
         block = np.ascontiguousarray((self.block if image is None else image)[core])
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
@@ -110,7 +110,7 @@ def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callabl
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips of odd and even detectors from the footprints of a 0-based band; None if not known, or all odd or even."""
+    """Strips of odd and of even detectors, from the footprints of a 0-based band; None if unknown, or only one kind."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -124,7 +124,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
-    """Find strips with opposite band delays in the whole scene; `kinds` finds the kind of each square of a tile."""
+    """Find strips with opposite band delays in the scene; `kinds` gives the kind of strip of each square in a tile."""
     read, (_bands, height, width) = training_reader(job, sampler), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -189,8 +189,8 @@ def _of_kernels(job: Job) -> FitRequest:
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """The tiles, without the pixels of their samples that are nearer to land than `size` [pixel]: openings are too dark
-    there. If less than half of the pixels would be left, the samples are not changed.
+    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel], where openings are too
+    dark. If less than half of the pixels would be left, the samples are not changed.
     """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)
@@ -209,7 +209,7 @@ def fit_training(
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Try candidates on parts of training tiles: on `TRIED` parts, spread over those with the largest samples."""
+    """Try candidates on `TRIED` squares, which are parts of training tiles with large samples, spread evenly."""
     parts = [_part_of(t, job.scene) for t in training]
     pixels = sorted(int(p.sample.sum()) for p in parts)
     least = min(AS_LARGE * pixels[-1], pixels[-TRIED:][0])
@@ -279,7 +279,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
 def _read(
     job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile]
 ) -> Iterator[tuple[SampleStatistics, list[Place]]]:
-    """Statistics of the sample in each row of tiles of a batch, and the place of the sample in each tile."""
+    """Yield, for each row of tiles of a batch, the statistics of the sample, and its place in each tile."""
     scene, halo = job.scene, max(plan.halo, 0)
     outlined = scene if job.want_sample else None  # workers of a cluster get no job
     columns = sorted({*plan.read_bands, *sampler.bands})

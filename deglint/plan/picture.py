@@ -44,8 +44,8 @@ class Caption(NamedTuple):
     """Text beside a disc."""
 
     shows: str  # what the map shows
-    what: str  # from where to look
-    expects: str  # contrast and glint to expect there
+    what: str  # sentence that says from where to look
+    expects: str  # contrast and glint to expect from there
     legend: tuple[tuple[str, draw.Colour, str], ...]  # hatchings and their meaning
     top: float  # contrast over noise at the top of the colour scale; 0: no scale is drawn
 

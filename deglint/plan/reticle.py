@@ -174,7 +174,7 @@ def reticle(mission: Mission) -> Reticle:
 
 
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
-    """Return a [1] and b [1/sr], with which the reflectance over the object is a times that of deep water plus b.
+    """Coefficients a [1] and b [1/sr]: the reflectance over the object is a times that of deep water, plus b.
 
     Both are (wavelength, zenith); `direct_fraction` is direct over total irradiance, (wavelength,) [1].
     """

@@ -29,10 +29,10 @@ class Wind(NamedTuple):
 
 
 class Skylight:
-    """Reflected skylight for zenith angles and azimuths of the sensor, and of the sun (a pair), all [degree].
+    """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
-    `model` is the sky model. Relative to `deglint.physics.sky.reflectance`, which does not interpolate, the error of
-    the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
+    `sun` is (zenith angle, azimuth), `model` the sky model. Relative to `deglint.physics.sky.reflectance`, which does
+    not interpolate, the error of the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class _Facets:
     def seen(
         self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
-        """Share of the sea that a facet covers for the sensor [1], and skylight it reflects [1/sr] (azimuth, facet)."""
+        """For each facet, (azimuth, facet): share of the sea as the sensor sees it [1], skylight it reflects [1/sr]."""
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
         incidence = np.clip(slant * self.up, 1e-6, 1.0)
@@ -164,7 +164,7 @@ class _Facets:
 
 
 def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
-    """Weighted histogram (geometry, level) of `light` (geometry, facet); each is split between adjacent `LEVELS`."""
+    """Histogram (geometry, level) of `light` (geometry, facet); each weight is split between the adjacent `LEVELS`."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

@@ -16,8 +16,8 @@ from ..scene import FloatArray, Window
 Raw = npt.NDArray[Any]
 Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
-"""Numbers of a floating-point file between these, of either sign, are not valid: many programs write the largest
-float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
+"""In floating-point files, numbers with absolute values between these two are not valid: many programs write the
+largest float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
 _CONVERTED_AT_ONCE = 1 << 16
 """Values of a band that are processed at a time. Whole tiles do not fit into the processor's cache: with them, a
 correction takes a tenth longer."""
@@ -129,8 +129,8 @@ def encode(
     clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
     where `physical` is not finite, nor outside `where` (row, column).
 
-    Returns two masks (len(bands), row, column): negative physical values; and values that were clipped, with integers
-    that were moved off `nodata`.
+    Returns two masks (len(bands), row, column): the negative physical values; and the values that were clipped, or
+    moved because an integer equalled `nodata`.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):
@@ -187,8 +187,8 @@ def relaid(
 ) -> tuple[npt.NDArray[Any], Valid | None]:
     """Convert file values to the type and nodata of an output; return them, and the mask of clipped valid values.
 
-    Arrays are (band, row, column); the mask is None if none can be clipped. `own` is the present nodata of each band;
-    further entries are ignored. `raw` is overwritten if the type is the same.
+    Arrays are (band, row, column); the mask is None if none can be clipped. `own` has the nodata of each band in
+    `raw`; further entries are ignored. If the types are the same, the result is `raw`, changed in place.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)

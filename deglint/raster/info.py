@@ -62,9 +62,9 @@ class RasterInfo:
     descriptions: tuple[str | None, ...]
     units: tuple[str | None, ...]
     colorinterp: tuple[str, ...]  # GDAL's colour interpretation ("gray", "undefined")
-    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* describe the input's pixels
+    tags: Tags = field(repr=False)  # of the dataset; STATISTICS_* describe the input's pixels, and are not copied
     band_tags: tuple[Tags, ...] = field(repr=False)
-    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; empty: a mask of its own
+    mask_flags: tuple[tuple[str, ...], ...]  # "all_valid", "per_dataset", "alpha", "nodata"; empty: a mask per band
     block_shapes: tuple[tuple[int, int], ...]  # rows and columns of a block
     tiled: bool = False
     alpha: int | None = None  # 1-based number of the alpha band in the file; it is no band of the scene
@@ -137,7 +137,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """Text after "GDAL cannot read it, it ...": what the content of a file shows that it is, and a remedy."""
+    """Text after "... is not a raster GDAL can read: it": what the file is, judged by its content, and a remedy."""
     place = Path(path)
     try:
         if place.is_dir():

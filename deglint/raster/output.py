@@ -27,7 +27,7 @@ from .info import RasterInfo, open_dataset, quiet
 from .targets import DISK_FULL, Scratch, write_errors
 
 BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not suitable
-OVERVIEWS_FROM = 1024  # longer side from which on an image gets overviews [pixel], as COG validators require
+OVERVIEWS_FROM = 1024  # images whose longer side has this size or more get overviews [pixel], as COG validators require
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
 _FLAG_COLOURS = (
@@ -39,7 +39,7 @@ _FLAG_COLOURS = (
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
-"""Entries with which a file that gets overviews is first written; `add_overviews` copies it with all options."""
+"""Entries for the first version of a file that gets overviews; `add_overviews` copies it with all options."""
 
 
 def levels(height: int, width: int) -> list[int]:
@@ -79,9 +79,9 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output.
 
-        The side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels and, in addition, `tile`
-        spans the image or is a multiple of this side. Else it is one of `_SIDES`: if `tile` spans the image, the
-        smallest that also does; else the largest that divides `tile`.
+        The side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, and if it divides
+        `tile` or `tile` spans the image. Otherwise it is replaced by one of `_SIDES`: the smallest that spans the image
+        if `tile` spans it, else the largest that divides `tile`.
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
@@ -197,8 +197,8 @@ class Layer:
     """Content of a GeoTIFF that is written at once: a (band, row, column) array and its metadata."""
 
     array: npt.NDArray[Any]
-    meaning: str  # of the values, for the tag MEANING
-    names: tuple[str, ...]  # one entry per band, as in the tuples below if they are not empty
+    meaning: str  # meaning of the values, for the tag MEANING
+    names: tuple[str, ...]  # one entry per band; the tuples below have one per band too, or are empty
     units: tuple[str, ...] = ()
     scales: tuple[float, ...] = ()
     band_tags: tuple[Mapping[str, str], ...] = ()

@@ -73,7 +73,7 @@ class RasterSource:
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Files with absolute paths, as the copy may be used in another directory; other GDAL names are kept."""
+        """Pickle files with absolute paths, as the copy may be used in another folder; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
         return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
 

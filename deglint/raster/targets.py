@@ -1,4 +1,4 @@
-"""Output files: which may be written, and atomic writing of several: either all are written, or none.
+"""Check which output files may be written, and write several files atomically: either all of them, or none.
 
 An output never replaces an input file or a file that GDAL reads with it (nested sources of VRTs included), and replaces
 another existing file only with permission. Files are compared by device and inode, so that links and other spellings
@@ -281,7 +281,7 @@ def claimed(directory: Path) -> Iterator[None]:
 
 
 def _beside(place: Path, ending: str) -> Path:
-    """A new hidden name in the directory of an output (`place`), with the number of this process in it."""
+    """A new hidden name in the directory of an output (`place`); it contains the number of this process."""
     return place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}.{ending}{place.suffix}")
 
 

@@ -1,7 +1,7 @@
 """The bands and the sensor of a scene, from tags, names and the preset of the sensor.
 
 Properties in the file are kept; missing ones come from the preset of the sensor, or from a user's file in the format of
-`deglint/sensors.toml`. Its bands are matched by name, else by wavelength, else by their number.
+`deglint/sensors.toml`. Bands are matched with those of the preset by name, else by wavelength, else by number.
 """
 
 import re
@@ -38,7 +38,7 @@ _BAND, _OPTICS, _SENSOR = (
     {f.name: str(f.type).removesuffix(" | None") for f in fields(kind)} for kind in (SensorBand, Optics, Sensor)
 )
 _OF_FILE = {k: v for k, v in _SENSOR.items() if k != "name"} | {"time_status": "str"}
-"""Types of the entries in a file of a sensor, as text."""
+"""Type of each entry of a sensor file, as text."""
 _USUAL_WIDTH = 50.0  # width of a band if not given [nm], as most bands of multispectral sensors have
 _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 
@@ -46,7 +46,7 @@ _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Bands of a scene, the name of the sensor preset that was used (or None), and notes.
 
-    `stems` has, for each band, the name of its file without ending, which is used for a band without a name; or "".
+    `stems` has, for each band, the name of its file without ending, or "". It is used if the band has no name.
     `sensor` is the preset or .toml file that the user selected.
     """
     names, unnamed = _names(info, stems)
@@ -77,7 +77,10 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """Fill the bands from the selected preset, else from the preset named in a tag of the file, if it fits."""
+    """Complete the bands from the selected preset, else from the preset that a tag of the file names, if that fits.
+
+    Returns the bands, the name of the preset that was used (or None), and notes.
+    """
     if sensor is not None:
         asked = sensor_of(sensor)
         bands, notes = apply_sensor(bands, asked, unnamed)
@@ -130,7 +133,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band: description, else file, else colour, else "band N"; and the 0-based bands called by number."""
+    """One name per band: description, else file, else colour, else "band N"; and the 0-based bands only numbered."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]

@@ -20,7 +20,7 @@ from .text import positive
 
 _OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_TRUE = 0.01  # relative error of lengths in a map projection that is neglected; UTM has at most 0.001
+_TRUE = 0.01  # largest relative error of lengths in a map projection that is neglected; UTM has at most 0.001
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
@@ -104,7 +104,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
-    """Whether a file has the grid of `reference`: equal size, CRS and corners; a missing CRS or transform is equal."""
+    """Whether a file has the size, CRS and corners of `reference`; a missing CRS or transform counts as equal."""
     if (info.height, info.width) != (reference.height, reference.width):
         return False
     if info.crs != reference.crs and None not in (info.crs, reference.crs):

@@ -77,8 +77,8 @@ def open_scene(
     Raises
     ------
     ReadError, InputError, BandError
-        ReadError: GDAL cannot read a file. InputError: a file has no bands or complex numbers, files do not overlap,
-        or an option is out of range. BandError: a preset or near-infrared band does not fit the bands.
+        ReadError: GDAL cannot read a file. InputError: a file has no bands, or has complex numbers; files do not
+        overlap; or an option is out of range. BandError: a preset or near-infrared band does not fit the bands.
 
     Examples
     --------

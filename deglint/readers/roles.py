@@ -17,7 +17,7 @@ Wanted = str | int | Sequence[str | int]
 NIR_CENTRE = 842.0
 """Preferred wavelength of the near infrared [nm]: longer than the red edge, shorter than absorption by water vapour."""
 _RED_EDGE, _WATER = 750.0, 700.0
-"""Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, water itself."""
+"""Wavelengths [nm]: below the first, plumes and shallow bottoms are visible; below the second, water itself is, too."""
 _ROLES = {
     "blue": [((450.0, 515.0), 490.0)],
     "green": [((520.0, 600.0), 555.0)],

@@ -116,7 +116,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands: those with the `keys`, else as declared; `path` is its name."""
+    """The assets of an Item that are its bands: those with the `keys`, else those declared; `path`: its name."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -141,7 +141,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets of an Item (`what`) that are bands: assets of one band, sorted by wavelength, or one asset."""
+    """Keys of assets that are bands: assets with one band each, by wavelength, or one asset. `what` names the Item."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -168,10 +168,10 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 
 
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
-    """Common name and properties of each band of an asset, whose `file` has this GDAL name.
+    """Common name and properties of each band of an asset; `file` is the GDAL name of its file.
 
     They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `key` is the name of a
-    band without one. `applied`: the offset of the Item was applied to the file values before; the one returned is 0.
+    band without one. `applied`: the provider has applied the offset; the returned one is 0.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]

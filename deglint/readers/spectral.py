@@ -23,7 +23,7 @@ _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is in micrometres
 _WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
 SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag or a name can be a wavelength in this range [nm]
-_WIDEST_FILLED_TYPE = 16  # detectors fill the range of integers of up to so many bits
+_WIDEST_FILLED_TYPE = 16  # integer types of up to this number of bits are assumed to be filled by detectors
 Spectral = tuple[float | None, float | None]
 """Centre wavelength and full width at half maximum of a band [nm]; None if not known."""
 
@@ -156,7 +156,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "") -> float | None:
-    """Convert a wavelength to nm; without a unit, it is in um up to 30, else in nm. None for frequencies and the like.
+    """Convert a wavelength to nm; without a unit, it is in um up to 30, else in nm. None if the unit is not a length.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
     (490.0, 490, 490.0)

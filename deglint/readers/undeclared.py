@@ -27,8 +27,8 @@ LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
 """A value that is equal in all bands is nodata if its areas fill at least this share of the pixels. The second share
 is for values of 0 and below, which no sensor measures in all bands."""
 ALONE = 0.99
-"""The value is nodata of a band if at least this share of the pixels in which the band has it have it in all bands: a
-band may be 0 in many pixels of dark water."""
+"""The value is nodata of a band if at least this share of the band's pixels with this value have it in all bands, too.
+A band may be 0 in many pixels of dark water, where other bands are not."""
 SOLID = 8  # inside the image, nodata fills squares of this side [pixel]; saturated sparkle does not
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (file value - 1000) / 10000."""
@@ -105,7 +105,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """Find nodata: a value equal in all bands over whole areas; it is nodata of a band only if rare elsewhere in it."""
+    """Find nodata: a value equal in all bands over whole areas. A band where it is frequent elsewhere has no nodata."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:

@@ -47,7 +47,7 @@ class Method:
     fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None where no sample is needed
     regresses: bool = False  # `--regression` selects the estimator of the slopes
-    least_squares: bool = False  # the weights of the references are least squares, so that they have a standard error
+    least_squares: bool = False  # weights of the references are fitted by least squares, so they have a standard error
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
 

@@ -19,14 +19,14 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Fl
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}
 
     block : (band, row, column), any unit, NaN where not valid; a tile needs a halo of `size // 2` pixels
-    mask : (row, column), the sample, all pixels by default; pixels where any band is not finite are left out
-    size : side of the square, odd, 3 or more [pixel]
+    mask : (row, column), the sample (m), all pixels by default; pixels where any band is not finite are left out
+    size : side of the square W(i) around pixel i, odd, 3 or more [pixel]
 
     Returns (band, row, column): NaN outside the sample, 0 where a sample pixel has no other sample pixel in its square.
 
     Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
-    depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and of float64 the upper
-    and the lower bits are summed separately. Cost: about 40 ns per pixel and band, 80 ns for float64.
+    depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and the upper
+    and the lower bits of float64 values are summed separately. Cost: about 40 ns per pixel and band, 80 ns for float64.
 
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])

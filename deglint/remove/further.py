@@ -16,17 +16,18 @@ FURTHER_FROM = 680.0
 show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
 EVEN_SIDE, MOST_TAKEN = 9, 2.0
-"""Window in which the change of the removal by further references is averaged [pixel], and largest standard deviation
-of these means, over the noise of a pixel: .1 to .9 over deep water; 4.5 and more where red edge shows a bottom."""
+"""`EVEN_SIDE`: window over which the change by more references is averaged [pixel]. `MOST_TAKEN`: upper limit of the
+standard deviation of these means over the noise of a pixel: .1 to .9 over deep water, 4.5 and more where red edge shows
+a bottom."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
     """Red-edge bands (0-based) that can be used as further references, as they show no signal of the water.
 
-    They are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom, plumes or
-    algae, removal would subtract these from the shorter bands. So the glint is removed with and without them, and the
-    results are compared in the half of the pixels with less glint. The difference, averaged over `EVEN_SIDE` pixels,
-    must have a standard deviation of at most `MOST_TAKEN` times the noise.
+    Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
+    plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without red
+    edge, and the results are compared in the half of the pixels with less glint. The difference, averaged over
+    `EVEN_SIDE` pixels, must have a standard deviation of at most `MOST_TAKEN` times the noise.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 
@@ -43,7 +44,8 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
     """How much the references `more` (0-based bands) change the removal over water with weak glint.
 
-    It is the standard deviation of the averaged change over the noise; the largest of all bands, infinite if untested.
+    The result is the largest ratio, of all bands, of the standard deviation of the averaged change to the noise. It is
+    infinite if nothing could be tested.
     """
     import cv2
 

@@ -25,8 +25,8 @@ _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
 _BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
 LEAST_GLINT, LEAST_DENSE = 0.2, 0.05
-"""Share of the sample with the least glint [%]; the median of its predictions is the level. The second is for dense
-glint (span from `SPARSE` on), where fewer pixels are without glint."""
+"""Share of the sample with the least glint [%]. The level is the median of the predictions (the NIR that the kernels
+predict) in it. `LEAST_DENSE` is for dense glint (span from `SPARSE` on), where fewer pixels are without glint."""
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
 percentile: .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m. If it is below
@@ -37,11 +37,11 @@ AVERAGED, SPARSE = 3, 0.1
 `AVERAGED` pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level.
 If the span is larger, such a mean always contains glint. It is then replaced by a binomial filter of that size, which
 suppresses what changes from pixel to pixel: noise, and the negative lobes of resampling. If pixels do not resolve glint
-(`SHEET_SPAN`), glint itself changes so, and single pixels are used."""
+(`SHEET_SPAN`), glint itself changes from pixel to pixel, and single pixels are used."""
 NORMAL_TAIL, RARE = 1.65, 0.3
 """The lower half of the predictions is noise, and most pixels have no glint, under two conditions. The distance of the
 1st percentile from the median is more than `NORMAL_TAIL` times the distance of the 10th: 1.82 for a normal
-distribution, 1.1 to 1.5 where pixels have glint. And the even share (`even_share`) is below `RARE`: 0 to .1 for rare
+distribution, 1.1 to 1.5 where pixels have glint. The even share (`even_share`) is below `RARE`: it is 0 to .1 for rare
 sparkle, .4 to 1 for dense glint."""
 SHEET_SPAN = 0.3
 """If the span is at least `SHEET_SPAN`, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image
@@ -170,7 +170,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The sample (row, column) without pixels near strong glint, which resampling darkens; `together`: prediction."""
+    """The sample without pixels near strong glint, which resampling darkens; `together`: prediction; (row, column)."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -225,7 +225,7 @@ def shared_level(
     excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
-        """Lowest level, up to the median, so that at most `negative` % of `where` is negative; ignores outliers."""
+        """Lowest level, up to the median, with at most `negative` % of the pixels `where` below 0; ignores outliers."""
         short = [
             (_highest(over[inside], negative) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
@@ -261,7 +261,7 @@ def _normal_tail(together: FloatArray) -> bool:
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """Glint of each band over the mean of all bands weighted by `slopes`, (band,); 1 unless all have positive glint."""
+    """Glint of each band over the mean glint, weighted by `slopes`, (band,); 1 unless all bands have positive glint."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 

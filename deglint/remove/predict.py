@@ -82,7 +82,7 @@ def glint(
     """Glint in each band that a kernel model corrects.
 
     block : (band, row, column), physical values, NaN where not valid; a tile needs `model.halo` more pixels around
-    water : (row, column), True over water; in references, the mean of water around replaces NaN and all other pixels
+    water : (row, column), True over water; in references, other pixels and NaN are replaced by the mean of water around
     origin : row and column of the block in the scene, for strips [pixel]
     crop : halo above, below, left and right [pixel]
 

@@ -35,7 +35,7 @@ class FitRequest:
     faint: bool = False  # optimise kernels for faint glint; a posterior mean then removes strong glint
     resolved: bool = False  # pixels are smaller than waves, so that some have no glint
     sparkle: bool = False  # pixels may resolve sparkle, of which few flashes are very bright
-    level_error: bool = True  # estimate the standard error of the level of `wiener`: half the time of a fit
+    level_error: bool = True  # estimate the standard error of the level of `wiener`; it takes half the time of a fit
 
     def __post_init__(self) -> None:
         check_choice(self.regression, list(REGRESSIONS), "regression")

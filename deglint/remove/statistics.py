@@ -259,7 +259,10 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """Places of variables, and weights: of the index of a band if the plan has it, else of the bands of the index."""
+    """Places of the references of a band among the plan's variables, and their weights (reference,).
+
+    The only reference is the index of the band if the plan has it; else the bands of this index are the references.
+    """
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
     parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]

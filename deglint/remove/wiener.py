@@ -7,7 +7,7 @@ and land replaced by the water around (`deglint.remove.reference`). The kernels 
 water, with a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between
 the glint of two bands, and average the noise of the reference. The sums of their coefficients, the responses to uniform
 glint, are drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or none. The levels p_b0 are
-determined together (`deglint.remove.levels`). Hedley's method has one pixel, no local mean and the minimum.
+determined together (`deglint.remove.levels`). Hedley's method has one pixel, no local mean, and the minimum as level.
 
 The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
 level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
@@ -362,7 +362,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Possible spectra of glint, (band,), over the NIR of the band: 1; and the sun's, if all are in 300..1000 nm."""
+    """Possible spectra of glint, (band,), over the NIR of each band: 1; and the sun's if all are in 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -63,7 +63,7 @@ class Facets:
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Density of slopes at the slope that glints [1], and reflected sky per diffuse irradiance [1/sr], at a time.
 
-        Both are (row, column) float32, by facet. `time` [s] is after the first band; `workers` does not change them.
+        Both are float32 by facet, (row, column). `time` is after the first band [s]. `workers` does not change values.
         """
         from ._kernels import reflect
 

@@ -22,7 +22,7 @@ from .underwater import LEAST_DEPTH, MOST_DEPTH, depth_and_patches, label
 
 Numbers = npt.NDArray[np.integer[Any]]
 Progress = Callable[[int, int], object]
-DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed; neighbouring values differ by 5 %
+DEPTH_STEPS = 128  # number of depths at which the light over a bottom is computed, each 5 % deeper than the one before
 
 
 class Light:

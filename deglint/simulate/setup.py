@@ -23,9 +23,9 @@ SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
 LEAST_ENERGY = 0.3
-"""Least share of their energy that short waves keep; if slopes are then still too steep, `Facets` scales them."""
+"""Smallest factor on the energy of damped short waves; if slopes are still too steep, `Facets` scales them."""
 RESOLVED_AT_MOST = 0.95
-"""Largest share of the measured slope variance that waves on the grid may have; short waves are damped to it."""
+"""Largest share of the measured slope variance for the waves on the grid; short waves are damped to reach it."""
 EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]

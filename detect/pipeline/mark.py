@@ -22,10 +22,10 @@ from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
 Rated = tuple[Object, str, float, float]  # object, kind, expected false objects per km2, probability of being real
-CANDIDATES = 0.04  # fraction of the scores that are kept for the sea, the highest: candidates have fewer pixels
+CANDIDATES = 0.04  # fraction of the scores, the highest, that is kept for "sea"; candidates are a smaller fraction
 _UNKNOWN_PIERS = 3
-"""Number of false objects attached to land that are possible (at 95 %) even if none is known. It is added to the rank
-of such an object, because all up to its rank may be false, too."""
+"""Number that is added to the rank of an object attached to land, to estimate its false-alarm rate: all objects up to
+its rank may be false, and even where none is known to be false, there may be this many (at 95 %)."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
@@ -47,7 +47,7 @@ class Marker:
 
     @property
     def _strata(self) -> int:
-        """Number of kinds of objects that share the false alarms: afloat, and attached to land."""
+        """Number of kinds of objects among which false alarms are divided: afloat and, if any, attached to land."""
         return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:

@@ -33,13 +33,13 @@ Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
 SEA_TILE = 1024  # side of the tiles for "sea": large, because their halo is some hundred pixels [pixel]
 _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
-_VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]; a removal copies NIR and its glint
+_VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]: a removal leaves glint in the NIR
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
 _OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
 """For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
-_BLOCKS = 4  # minimum number of blocks for the fit; the pixels of water must fill half of so many blocks
+_BLOCKS = 4  # blocks are read until there are this many, with as many pixels of water as half of them have
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
 
 
@@ -232,7 +232,7 @@ def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """Water rule from the sidecar of `deglint remove`, and its bands; None without a valid rule for the band `nir`.
 
-    `deglint remove` found the water in the uncorrected visible bands. The rule depends mostly on the copied NIR.
+    The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
     """
     found = band_roles(scene)
     bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))

@@ -92,7 +92,7 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Rates Pfa, (62,): half a pixel of `background`, so no false alarm; then logarithmic steps from one pixel to 1."""
+    """Rates Pfa, (62,), for n pixels of background: 0.5 / n (no false alarm), then 1 / n to 1 in logarithmic steps."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 

@@ -122,8 +122,9 @@ def fit(
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m there are several scales, and `side` (one of `SIDES`) is "both" by
-    default; else, or for None, one scale and "bright". `nir`, the uncorrected NIR of every block, (band, row, column),
-    is used only below 5 m: a boat fills a larger pixel. Raises NoWaterError: fewer than 100 pixels are water.
+    default. Otherwise, and where `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the
+    uncorrected NIR of every block, (band, row, column), is used only below 5 m, because a boat fills a larger pixel.
+    Raises NoWaterError: fewer than 100 pixels are water.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")

@@ -139,9 +139,9 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Find the connected parts of a mask, and those no longer than `length` and no wider than `width` [pixel].
+    """Find the connected parts of a mask, and the fitting parts: at most `length` long and `width` wide [pixel].
 
-    Returns labels (row, column) and OpenCV's statistics (label, 5) of all parts; label, length, width of the latter.
+    Returns labels (row, column), OpenCV's statistics (label, 5), and (label, length, width) of each fitting part.
     """
     import cv2
 

@@ -25,11 +25,11 @@ from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
 
 LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
 _CONFIRMED = (9.0, 3.0)
-"""A confirmed object has a peak above this multiple of the 90 % quantile of water. First value: coarse pixels, where
-wakes and clouds reach half of this. Second value: pixels smaller than a boat."""
+"""A confirmed object has a peak above this multiple of the 90 % quantile of water. The first is for coarse pixels,
+where wakes and clouds reach half of it; the second is for pixels smaller than a boat."""
 _LARGE_OBJECTS = (40, 12)
-"""Minimum size of a confirmed object [pixel]. First value: coarse pixels (a blurred ship of 100 m by 30 m at 10 m).
-Second value: pixels smaller than a boat (a boat). Waves and sparkle are smaller."""
+"""Minimum size of a confirmed object [pixel]. The first is for coarse pixels: a blurred ship of 100 m by 30 m, with
+pixels of 10 m. The second is for pixels smaller than a boat: one boat. Waves and sparkle are smaller."""
 _BODY = 60
 """With pixels smaller than a boat, a candidate of at least this size is confirmed, also with a low peak [pixel]. Noise
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
@@ -37,7 +37,7 @@ _SMALLEST_KEPT = 12.6
 """Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc with a diameter of 4 m is the
 smallest object that glint removal keeps. Residual glint is smaller."""
 _LEAST = 50  # a distribution is fitted to more than this number of peaks
-_MOST_RATE = 1e6  # false objects per km2 that are reported for scores in the bulk of the water
+_MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
 
 
 @dataclass(frozen=True, eq=False)

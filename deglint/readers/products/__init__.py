@@ -141,7 +141,8 @@ def _first(container: Container) -> Product | None:
 def _of(family: Any, container: Container) -> Product | None:
     """The product of a family in a container, with the names of the metadata files that were read.
 
-    MetadataError if the metadata are damaged; but None if the user named the image itself: it is opened as a raster.
+    If the metadata are damaged, MetadataError is raised; but if the user named the image itself, the result is None,
+    and the image is opened as a raster.
     """
     try:
         found = family.find(container)

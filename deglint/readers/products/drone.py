@@ -172,8 +172,8 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
     """MicaSense's conversion of file values p to radiance; None if the XMP lacks it.
 
-    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V, the
-    exposure time t [s], and a1, a2, a3 from RadiometricCalibration.
+    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V at
+    column x and row y, the exposure time t [s], and a1, a2, a3 from RadiometricCalibration.
     """
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (

@@ -16,7 +16,7 @@ METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
 _MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
                "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
-"""By level: the groups of the MTL file that have scales and offsets, and the largest file values."""
+"""For each level, two groups of the MTL file: that with scales and offsets, and that with the largest file values."""
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
 _WITHOUT_MTL = {
@@ -25,8 +25,7 @@ _WITHOUT_MTL = {
 }
 FULL = 65535.0  # largest file value if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
 LANDSAT_ORBIT = 705_000.0
-"""Altitude of Landsat 8 and 9 [m]. They view the nadir, except in a few scenes with a ROLL_ANGLE of about 15 degrees.
-"""
+"""Altitude of Landsat 8 and 9 [m]. They view the nadir; a few scenes have a ROLL_ANGLE of about 15 degrees."""
 CIRRUS = (1373.5, 20.0)
 """Centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7."""
 

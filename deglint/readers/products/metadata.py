@@ -27,7 +27,7 @@ from ..spectral import with_spectral
 from ..text import number
 
 Item = TypeVar("Item")
-MOST_MEMBERS = 20_000  # at most so many files of a folder are listed, as it need not be a product and may be large
+MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large, and need not be a product
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
@@ -70,7 +70,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The one item that was found; InputError, which lists up to four of the `names`, if there are several."""
+        """The only item in `found`; if there are several, an InputError that lists up to four of the `names`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]

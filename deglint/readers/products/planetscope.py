@@ -17,7 +17,7 @@ METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
 SURFACE_SCALE = 1e-4  # scale of surface reflectance, as Planet documents it; it is not in the metadata
 DOVE_ORBIT = 500_000.0  # assumed altitude of the Doves [m]; they fly at 450 to 580 km
-FOUR = ("blue", "green", "red", "nir")  # names of the bands of images with four
+FOUR = ("blue", "green", "red", "nir")  # names of the bands of images with four bands
 DOVE = ((485.0, 60.0), (545.0, 90.0), (630.0, 80.0), (820.0, 80.0))
 """Centres and widths [nm] of the first Doves (instrument PS2): 455-515, 500-590, 590-670 and 780-860 nm, from Planet's
 product specification; the sensor presets are for later instruments."""
