@@ -30,6 +30,13 @@ def test_small_things_at_rest_keep_their_contrast(simulated_sea, tmp_path):
     assert min(share("red"), share("blue")) >= 0.5
 
 
+def test_many_white_targets_are_no_flashes(simulated_sea, tmp_path):
+    """They have the spectrum of a flash that does not change."""
+    there, targets = implant(simulated_sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
+    shares = contrast(deglinted(there, tmp_path), simulated_sea.truth, there.truth, targets)
+    assert survive(shares) >= 0.95
+
+
 @pytest.mark.parametrize(
     "speed", [pytest.param(0.25, marks=pytest.mark.slow), 0.5, pytest.param(1.0, marks=pytest.mark.slow)]
 )

@@ -32,9 +32,9 @@ EDGE, EDGE_SHIFT, DIM = 15.0, 8.0, 0.07
 SLOPE, BEND, ROUGH = 0.25, 0.15, 0.03
 """Standard deviations relative to the brightness: linear and quadratic part of a grey spectrum over 250 nm (for paint,
 half of these), and the part that is not smooth."""
-CHANGE = 1.0
-"""Standard deviation of the linear and of the quadratic change of a lasting flash from the first to the last band,
-relative to its brightness: large enough for any rise or fall."""
+CHANGE, NO_CHANGE = 1.0, 0.15
+"""Standard deviation of the linear and of the quadratic change from the first to the last band, relative to the
+brightness: of a flash that lasts, large enough for any rise or fall; and of a white target, on which sparkle lies."""
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 
@@ -82,7 +82,7 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 
 
 @lru_cache(maxsize=8)
-def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float]) -> list[Flash]:
+def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], change: float) -> list[Flash]:
     """Models of a flash that lasts through all bands, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
     Its brightness changes evenly with time. Arguments have a number for each band.
@@ -90,9 +90,10 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float]) -
     glint : spectrum of glint divided by the light on a target
     time : time offset [s]
     s : standard deviation of noise divided by the light on a target
+    change : standard deviation of the change, `CHANGE`; with `NO_CHANGE` the models are those of a white target
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
-    factors = spectrum * np.stack([np.ones_like(u), CHANGE * u, CHANGE * (u * u - (u * u).mean())])
+    factors = spectrum * np.stack([np.ones_like(u), change * u, change * (u * u - (u * u).mean())])
     out, (row, column) = [], np.triu_indices(len(s))
     for A in 2.0 ** np.arange(17):
         C = A * A * factors.T @ factors + np.diag(np.square(s) + (ROUGH * A * spectrum) ** 2)

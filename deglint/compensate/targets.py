@@ -12,7 +12,7 @@ common outline in all bands exceeds a threshold. The threshold follows from a fa
 sparkle lasts through all bands.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
-that move by more than half their size between the first and the last band, for most coloured targets of 1 pixel where
+that move by more than half their size from the first to the last band, for most coloured targets of 1 pixel where
 sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
@@ -50,12 +50,12 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
-MANY_FOUND, UNEXPLAINED, LIKELIER = 0.003, 5.0, 0.7
-"""`MANY_FOUND`: if detections cover more than this share of water, they may be flashes that last (0.4 to 3 %); a boat
-on each hectare covers 0.3 %. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) above which a pixel is not changing
-sparkle. `LIKELIER`: flashes last if the mean log likelihood ratio of flash and target in these pixels, clipped to +-
-`UNEXPLAINED`, exceeds this (a factor of two): it is 1.2 to 2.6 where flashes last; -0.4 to 0.3 for boats, swimmers and
-whitecaps."""
+MANY_FOUND, UNEXPLAINED, LIKELIER, CHANGING = 0.003, 5.0, 0.7, 0.2
+"""`MANY_FOUND`: detections on more than this share of water may be flashes that last (0.4 to 3 %); 0.3 % is a boat
+on each hectare. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. Then
+the mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
+0.9 to 3.9; -0.4 to 0.3 for boats, swimmers and whitecaps. For small white targets it is up to 2; so the ratio of flash
+and target, white ones included, must exceed `CHANGING`: it is 0.3 to 3.6 for flashes, -1.2 to 0 for these targets."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
@@ -117,10 +117,9 @@ class Targets:
         """Models of targets for each brightness (see `spectra.models`)."""
         return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
-    @property
-    def flashes(self) -> list[Flash]:
-        """Models of flashes that last, for each brightness."""
-        return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)))
+    def flashes(self, change: float = spectra.CHANGE) -> list[Flash]:
+        """Models of flashes that last, for each brightness; or of white targets, see `spectra.flashes`."""
+        return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
 
     @cached_property
     def _steps(self) -> Float32:
@@ -148,7 +147,7 @@ class Targets:
         target, kind = spectra.target_likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
-            flash = spectra.flash_likelihoods(e, self.flashes)
+            flash = spectra.flash_likelihoods(e, self.flashes())
             other = np.logaddexp(other, np.float32(np.log(self.flash_share)) + flash)
         return target - other, kind
 
@@ -267,9 +266,8 @@ class Excess:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
     """Fit the stage to a scene: histograms of sparkle and the detection threshold.
 
-    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. `sample` is
-    the sample after the preceding stages; without a background, the local mean is used. `number` is the false-alarm
-    rate for pixels of sparkle, `RATE` by default.
+    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. `sample`:
+    after the preceding stages; without a background, the local mean is used. `number`: false-alarm rate, or `RATE`.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not np.isfinite(t).all() or np.ptp(t) < LEAST_DELAY:
@@ -297,7 +295,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     for plane in bins:  # with later bands displaced, brightness stays the same by chance only
         plane[later:] = np.roll(plane[later:], DISPLACEMENTS, (1, 2))
     lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(pixels(), stage)[-1].mean())
-    rate = RATE if number is None else number
+    rate = number or RATE
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
     share = found_share(stage, blocks, sample)
@@ -335,13 +333,14 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 
 def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
     """The stage with `flash_share`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
-    e, least = np.concatenate(sample, axis=1), EXCEEDS * np.array(stage.noise, np.float32)[:, None]
-    lit = e[:, (e > least).all(axis=0)]
-    target, flash = spectra.target_likelihoods(lit, stage.models)[0], spectra.flash_likelihoods(lit, stage.flashes)
+    e = np.concatenate(sample, axis=1)
+    lit = e[:, (e > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
+    target = spectra.target_likelihoods(lit, stage.models)[0]
+    flash, white = (spectra.flash_likelihoods(lit, stage.flashes(c)) for c in (spectra.CHANGE, spectra.NO_CHANGE))
     steady = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
-    ratio = np.clip(flash - target, -UNEXPLAINED, UNEXPLAINED)[steady]
-    frequent = ratio.size > 0 and ratio.mean() > LIKELIER
-    return replace(stage, flash_share=float((ratio > 0).sum() / e.shape[1])) if frequent else stage
+    ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)[:, steady]
+    frequent = ratios.size > 0 and (ratios.mean(axis=1) > (LIKELIER, CHANGING)).all()
+    return replace(stage, flash_share=float((ratios[0] > 0).sum() / e.shape[1])) if frequent else stage
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
