@@ -59,6 +59,7 @@ class Sensor:
     wavelength_status: str = UNVERIFIED  # where the wavelengths of the bands come from; same for widths, groups
     width_status: str = UNVERIFIED
     group_status: str = UNVERIFIED
+    pixel: float | None = None  # nominal size of a pixel on the ground [m]; None for aircraft and drones
     optics: Optics | None = None
     products: tuple[tuple[str, ...], ...] = ()  # names of the bands of products with fewer bands, in their order
     aliases: tuple[str, ...] = ()  # other names of the preset

@@ -54,3 +54,12 @@ def test_a_scene_in_web_mercator(deglint, sea, write, tmp_path):
     assert "x 5.0" in deglint("info", path).out
     nowhere = write(tmp_path / "b.tif", np.zeros((1, 4, 5), np.uint8), crs=None, transform=Affine.identity())
     assert pixel_size(open_scene(nowhere)) is None
+
+
+def test_without_coordinates_pixels_have_the_nominal_size_of_the_satellite(write, tmp_path):
+    image, nowhere = np.ones((4, 8, 9), np.uint16), {"crs": None, "transform": Affine.identity()}
+    drone = write(tmp_path / "a.tif", image, **nowhere, names=["Blue", "Green", "Red", "NIR"])
+    satellite = write(tmp_path / "b.tif", image, **nowhere, names=["B02", "B03", "B04", "B08"])
+    assert pixel_size(open_scene(drone)) is None
+    assert pixel_size(open_scene(satellite)) == 10
+    assert pixel_size(open_scene(drone, sensor="planetscope4")) == 3

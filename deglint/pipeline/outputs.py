@@ -19,6 +19,7 @@ from ..compensate.stages import Chain, chain_from
 from ..errors import DeglintError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..raster.environment import environment
+from ..readers.grid import pixel_size
 from ..readers.text import read_text
 from ..remove import GlintModel
 from ..scene import Band, FloatArray, Scene
@@ -161,6 +162,9 @@ def log_scene(scene: Scene) -> None:
     if len(times) > 1:
         source = f"known for {scene.sensor}" if scene.sensor else "read from file"
         log.info("band delays %s: up to %.0f ms", source, 1e3 * (max(times) - min(times)))
+    if scene.transform is None or scene.transform.is_identity:
+        size = pixel_size(scene)
+        log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
     for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
 from ..raster.info import describe_file, gdal_errors
 from ..scene import Scene
+from .bands import satellite_of
 from .text import positive
 
 _OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
@@ -203,11 +204,15 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m], from georeferencing or else the tag GSD_M; None if not known."""
+    """Mean side of a pixel on the ground [m]; None if not known.
+
+    It comes from georeferencing, else from the tag GSD_M, else it is the nominal size of the satellite's pixels.
+    """
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
-        return positive(tags.get("GSD_M"))
+        satellite = satellite_of(scene)
+        return positive(tags.get("GSD_M")) or (satellite.pixel if satellite else None)
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
     return None if sides is None else math.sqrt(sides[0] * sides[1])
 
