@@ -63,3 +63,7 @@ def test_without_coordinates_pixels_have_the_nominal_size_of_the_satellite(write
     assert pixel_size(open_scene(drone)) is None
     assert pixel_size(open_scene(satellite)) == 10
     assert pixel_size(open_scene(drone, sensor="planetscope4")) == 3
+    bands = [f'{{ name = "{n}", wavelength = {w} }}' for n, w in (("Blue", 475), ("Green", 560), ("NIR", 842))]
+    own = tmp_path / "own.toml"
+    own.write_text(f'[own]\ntitle = "Own"\npixel = 0.05\nbands = [{", ".join(bands)}]\n')
+    assert pixel_size(open_scene(drone, sensor=str(own))) == 0.05

@@ -118,7 +118,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 def satellite_of(scene: Scene) -> Sensor | None:
     """The sensor preset of a scene, or the one that its band names identify; None without one."""
-    return sensors.find(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
+    return sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
 
 
 def _dialect(names: Sequence[str]) -> Sensor | None:

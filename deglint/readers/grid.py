@@ -212,7 +212,7 @@ def pixel_size(scene: Scene) -> float | None:
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
         satellite = satellite_of(scene)
-        return positive(tags.get("GSD_M")) or (satellite.pixel if satellite else None)
+        return positive(tags.get("GSD_M")) or positive(satellite and satellite.pixel)
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
     return None if sides is None else math.sqrt(sides[0] * sides[1])
 
