@@ -240,9 +240,7 @@ class _View:
             tops += [float(nir[part].max()) - level for part in _squares(open_sea) if open_sea[part].all()]
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
-    def isolated(
-        self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None
-    ) -> tuple[list[Mask], list[Mask]]:
+    def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
         """Masks (row, column) of each block: isolated bright pixels on the sea, and the sea far from land.
 
         Bright pixels are those that `brighter` marks with squares of side `window`; with votes, without those that vote
@@ -253,7 +251,7 @@ class _View:
         bright = [b & s for b, s in zip(self.brighter(threshold, window), sea, strict=True)]
         if votes is not None:
             bright = [b & (v >= 0) for b, v in zip(bright, votes, strict=True)]
-        return bright, sea
+        return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
         """Whether masks from `isolated` may show boats: there is land, and not every square of the sea has some."""

@@ -79,10 +79,7 @@ def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Count the pixels of a tile with each flag, and per band those that were replaced, changed or saturated.
-
-    `flags` is (row, column), `saturated` is (band, row, column).
-    """
+    """Count the pixels of a tile with each flag (row, column), and per band those replaced, changed or `saturated`."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:

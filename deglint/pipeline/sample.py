@@ -179,13 +179,9 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 def _of_kernels(job: Job) -> FitRequest:
     """The request for a fit of method `wiener`."""
-    pixel = pixel_size(job.scene)
-    return replace(
-        job.request,
-        regression="detrended",
-        resolved=(pixel or 0.0) < WAVES_RESOLVED,
-        sparkle=(pixel or 0.0) < COARSE_PIXEL,
-    )
+    pixel = pixel_size(job.scene) or 0.0  # unknown sizes are treated like fine ones
+    resolved, sparkle = pixel < WAVES_RESOLVED, pixel < COARSE_PIXEL
+    return replace(job.request, regression="detrended", resolved=resolved, sparkle=sparkle)
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:

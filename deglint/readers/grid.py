@@ -204,15 +204,11 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m]; None if not known.
-
-    It comes from georeferencing, else from the tag GSD_M, else it is the nominal size of the satellite's pixels.
-    """
+    """Mean side of a pixel on the ground [m]: from georeferencing, the tag GSD_M, or the satellite; None if unknown."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
-        satellite = satellite_of(scene)
-        return positive(tags.get("GSD_M")) or positive(satellite and satellite.pixel)
+        return positive(tags.get("GSD_M")) or positive(getattr(satellite_of(scene), "pixel", None))
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
     return None if sides is None else math.sqrt(sides[0] * sides[1])
 

@@ -259,9 +259,8 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """Places of the references of a band among the plan's variables, and their weights (reference,).
-
-    The only reference is the index of the band if the plan has it; else the bands of this index are the references.
+    """References of a band among the plan's variables: places and weights (reference,). The only reference is the index
+    of the band if the plan has it; else they are the bands of this index.
     """
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned

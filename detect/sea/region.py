@@ -139,9 +139,8 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Find the connected parts of a mask, and the fitting parts: at most `length` long and `width` wide [pixel].
-
-    Returns labels (row, column), OpenCV's statistics (label, 5), and (label, length, width) of each fitting part.
+    """Labels (row, column) and statistics of OpenCV (label, 5) of the connected parts of a mask; and label, length and
+    width of each part that is at most `length` long and `width` wide [pixel].
     """
     import cv2
 

@@ -85,10 +85,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """The `score_top` that an object must have for an expected number of false objects per km2.
-
-        It is the inverse of `Clutter.false_per_km2`. Raises InputError: no area is known.
-        """
+        """Inverse of `Clutter.false_per_km2`: the `score_top` for a number. Raises InputError: no area is known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
