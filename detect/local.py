@@ -256,9 +256,7 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
 
 
 def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """`_inverse_form` for many bands, by the Cholesky factor of M; for few pixels and no ridge, by that of R R^T, as
-    |(R R^T)^+ R d|^2.
-    """
+    """`_inverse_form` for many bands, by Cholesky of M, or (few pixels, no ridge) of R R^T as |(R R^T)^+ R d|^2."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape

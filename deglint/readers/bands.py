@@ -116,9 +116,10 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
     return filled, notes
 
 
-def satellite_of(scene: Scene) -> Sensor | None:
-    """The sensor preset of a scene, or the one that its band names identify; None without one."""
-    return sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
+def nominal_pixel(scene: Scene) -> float | None:
+    """Nominal pixel size [m] of the sensor of a scene, stated or identified by the band names; None if unknown."""
+    sensor = sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
+    return positive(sensor.pixel) if sensor else None
 
 
 def _dialect(names: Sequence[str]) -> Sensor | None:

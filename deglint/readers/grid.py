@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
 from ..raster.info import describe_file, gdal_errors
 from ..scene import Scene
-from .bands import satellite_of
+from .bands import nominal_pixel
 from .text import positive
 
 _OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
@@ -204,11 +204,11 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m]: from georeferencing, the tag GSD_M, or the satellite; None if unknown."""
+    """Mean side of a pixel on the ground [m]: from georeferencing, the tag GSD_M, or the sensor; None if unknown."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
-        return positive(tags.get("GSD_M")) or positive(getattr(satellite_of(scene), "pixel", None))
+        return positive(tags.get("GSD_M")) or nominal_pixel(scene)
     sides = ground_size(scene.transform, scene.crs, scene.height, scene.width)
     return None if sides is None else math.sqrt(sides[0] * sides[1])
 
