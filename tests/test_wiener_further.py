@@ -124,7 +124,7 @@ def test_the_ringing_of_resampling_is_not_taken_for_the_level_of_dense_glint():
 def test_errors_of_the_kernels_do_not_raise_the_level_under_dense_glint():
     rng = np.random.default_rng(4)
     prediction, error = 20 + 500 * rng.random((1, 40_000)), 30 * rng.normal(size=(1, 40_000))
-    value, everywhere = prediction - error, np.ones(40_000, bool)
+    value, everywhere = np.maximum(prediction - error, 0), np.ones(40_000, bool)
     local = error / 15  # of means over 15 x 15 pixels
     means, pixels = (
         shared_level(LevelSample(prediction, value, *prediction, *prediction, a, everywhere), np.ones(1))[0][0]
@@ -143,3 +143,15 @@ def test_noise_is_not_taken_for_a_sheet_where_sparkle_is_rare():
     fine, coarse = (shared_level(sample, np.ones(1), resolved=r)[0][0] for r in (True, False))
     assert abs(fine - 100) < 5
     assert coarse < 88
+
+
+def test_as_much_glint_is_removed_where_an_offset_was_subtracted():
+    rng = np.random.default_rng(6)
+    glint = rng.gamma(4, 30, (1, 40_000))
+    water, everywhere = 100 + 10 * rng.normal(size=(1, 40_000)), np.ones(40_000, bool)
+    own, less = (
+        shared_level(LevelSample(glint, water + glint - o, *glint, *glint, glint[:0], everywhere), np.ones(1))[0][0]
+        for o in (0, 120)  # most of the water is then negative
+    )
+    assert own < np.median(glint) / 3
+    assert less == pytest.approx(own, abs=10)

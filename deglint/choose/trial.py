@@ -324,4 +324,6 @@ def _levels(sample: Sample, bands: int) -> Float32:
     """Brightness of the water without glint in each band, (band,) [unit of the band]; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
-    return np.maximum([float(np.percentile(v, WATER_PERCENTILE)) for v in values], noises).astype(np.float32)
+    dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])
+    offset = dark < -3 * np.array(noises)  # subtracted from the band: its brightness is not known
+    return np.maximum(np.where(offset, min(dark[~offset], default=0.0), dark), noises).astype(np.float32)

@@ -225,11 +225,14 @@ def shared_level(
     excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
-        """Lowest level, up to the median, with at most `negative` % of the pixels `where` below 0; ignores outliers."""
+        """Lowest level, up to the median, with at most `negative` % of the pixels `where` below 0; ignores outliers.
+
+        Bands with more than `NEGATIVE_OF_ALL` % of negative values do not count: an offset was subtracted from them.
+        """
         short = [
             (_highest(over[inside], negative) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
-            if (inside := (v > 0) & where).any()
+            if (inside := (v > 0) & where).any() and np.percentile(v[where], NEGATIVE_OF_ALL) >= 0
         ]  # fmt: skip
         return min(raised + max(short, default=0.0), middle)
 
