@@ -114,6 +114,16 @@ def test_a_coast_under_any_waves(seed):
     assert found[~land].mean() > 0.9997  # the brightest crests may be lost
 
 
+def test_land_is_told_by_the_valley_where_bands_are_not_calibrated():
+    scene = open_water(glint=0.02)
+    land = np.arange(240) < 80
+    put(scene, np.broadcast_to(land, (200, 240)), LAND, texture=0.2)
+    scene[3] *= 1.4  # over much of the water the NIR is then brighter than the visible
+    assert (scene[3] > scene[1])[:, ~land].mean() > 0.3
+    rule = fit_water([scene], ROLES, pixel=10.0)
+    assert (water(scene, rule) == ~land).mean() > 0.995
+
+
 def test_tiles_of_a_swath_with_more_and_more_glint_are_all_water():
     """Each tile has its own narrow peak of brightness; none of them is land. Land in one of them is."""
     looks = []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..moments import Mask
+from ..moments import Float64, Mask
 from ..morphology import grown, square
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
@@ -318,6 +318,8 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> Wate
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None
+    if window == 1:
+        last = _at_valley(nir, last)
     few = last // DARKEST + 1
     darkest = float(np.median(contrast[:few]))
     sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)
@@ -349,15 +351,36 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     """
     if not high > level:
         return high
-    between = nir[np.searchsorted(nir, level) : np.searchsorted(nir, high, "right")]
-    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
-    counts, edges = np.histogram(between, bins, (level, high))
-    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
-    density = np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5)
+    density, edges = _log_density(nir, level, high)
     peak = int(np.argmax(density))
-    line = np.linspace(density[peak], density[-1], bins - peak)
+    line = np.linspace(density[peak], density[-1], len(density) - peak)
     bend = edges[1:][peak + int(np.argmax(line - density[peak:]))]
     return float(bend + INTO_GAP * (high - bend))
+
+
+def _at_valley(nir: FloatArray, last: int) -> int:
+    """Place of the valley above place `last` in sorted values (pixel,); `last` if the histogram has none.
+
+    Between water and land there is a valley, but the votes may end below it, where bands are not calibrated or an
+    offset was subtracted from each. Both sides of a valley are at least twice as high.
+    """
+    density, edges = _log_density(nir, float(nir[0]), float(np.percentile(nir, 99)))
+    start = min(int(np.searchsorted(edges[1:], nir[last])), len(density) - 1)
+    lowest = np.minimum.accumulate(density[start:])
+    deep = np.minimum(density[start] - lowest, density[start:] - lowest) >= np.log(2)
+    if not deep.any():
+        return last
+    valley = start + int(np.argmin(density[start : start + int(np.argmax(deep))]))
+    return max(last, int(np.searchsorted(nir, edges[valley + 1])) - 1)
+
+
+def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, Float64]:
+    """Logarithm of a smoothed histogram of sorted values (pixel,), (bin,), and the edges of its bins."""
+    between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
+    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
+    counts, edges = np.histogram(between, bins, (low, high))
+    kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
+    return np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5), edges
 
 
 def _emptiest(nir: FloatArray) -> float:

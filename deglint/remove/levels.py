@@ -227,12 +227,12 @@ def shared_level(
     def positive(where: Mask, negative: float) -> float:
         """Lowest level, up to the median, with at most `negative` % of the pixels `where` below 0; ignores outliers.
 
-        Bands with more than `NEGATIVE_OF_ALL` % of negative values do not count: an offset was subtracted from them.
+        Bands with more than `NEGATIVE_OF_ALL` % of values up to 0 do not count: an offset was subtracted from them.
         """
         short = [
             (_highest(over[inside], negative) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
-            if (inside := (v > 0) & where).any() and np.percentile(v[where], NEGATIVE_OF_ALL) >= 0
+            if (inside := (v > 0) & where).any() and np.percentile(v[where], NEGATIVE_OF_ALL) > 0
         ]  # fmt: skip
         return min(raised + max(short, default=0.0), middle)
 
