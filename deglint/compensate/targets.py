@@ -54,8 +54,7 @@ MANY_FOUND, UNEXPLAINED, LIKELIER, CHANGING = 0.003, 5.0, 0.7, 0.2
 """`MANY_FOUND`: detections on more than this share of water may be flashes that last (0.4 to 3 %); 0.3 % is a boat
 on each hectare. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. Then
 the mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
-0.9 to 3.9; -0.4 to 0.3 for boats, swimmers and whitecaps. For small white targets it is up to 2; so the ratio of flash
-and target, white ones included, must exceed `CHANGING`: it is 0.3 to 3.6 for flashes, -1.2 to 0 for these targets."""
+-0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53

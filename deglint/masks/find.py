@@ -24,8 +24,8 @@ GLINT_SIZE = 5.0  # width of the widest patches of glint in images with small pi
 WINDOWS = (1, 3, 5, 7, 9, 13, 17, 21, 25, 33)  # windows of the opening that are tried, smallest first [pixel]
 WIDEST_WINDOW, RARE_BRIGHT, EVERYWHERE = 17, 2e-3, 0.8
 """If the size of a pixel is not known: the largest window [pixel], and the share of the sea up to which isolated bright
-pixels may be boats and piers in coarse pixels. They are taken for glint if no land is in view, or if at least the share
-`EVERYWHERE` of the squares of sea has some: .9 and more for dense sparkle, .1 to .6 for the boats of ports."""
+pixels may be boats and piers in coarse pixels. They are glint if no land is in view, or if at least the share
+`EVERYWHERE` of the squares of sea has some."""
 TAIL, LEAST_TAIL = 3.0, 0.5
 """The NIR of water ends `TAIL` times the distance from its median to its 99th percentile above the median: the
 brightness of glint decreases exponentially, and few pixels lie beyond. For water without glint, or rounded to integers,
@@ -50,8 +50,7 @@ CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
 CORE, OF_CLUMP = 7, 0.3
 """Boats and narrow land are brighter than this clump all over a larger square. Its side is the smallest, from `CORE`
 pixels to half the width of a patch of glint, with which glint, measured in the same way, is at most `OF_CLUMP` times as
-bright as the clump. The margin is for the brightest glint of a scene, several times as bright as the clump. A second
-square is for pixels that have more NIR than visible: in glint they hardly ever fill a square of 7 pixels."""
+bright as the clump. A second square is for pixels with more NIR than visible, which are rare in glint."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""

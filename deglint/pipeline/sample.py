@@ -47,9 +47,8 @@ AS_LARGE = 0.9  # squares with samples of at least this share of the largest sam
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 LEAST_CELLS = 40
-"""Least effective number of cells (see `glint_error`) for a reliable standard error. In simulated seas with fewer than
-25, where a few clumps of sparkle contain most of the glint, real errors were up to 24 times the estimated errors; with
-more than 40, up to 1.3 times."""
+"""Least effective number of cells (see `glint_error`) for a reliable standard error: if a few clumps of sparkle contain
+most of the glint, the real error is many times the estimate."""
 GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
 READ_MARGIN = 1.1  # safety factor on the pixels to read, for an error that falls with the square root of their number
 

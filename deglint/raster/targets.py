@@ -4,9 +4,9 @@ An output never replaces an input file or a file that GDAL reads with it (nested
 another existing file only with permission. Files are compared by device and inode, so that links and other spellings
 are recognised; names of files that do not exist are compared after resolution.
 
-A run writes scratch files in the directory of its outputs and renames them when all are complete. Signals are held
-while files are renamed. If one cannot be renamed, the earlier ones get their old names again. Scratch files of killed
-runs are removed by the next run with the same output.
+A run writes scratch files in the directory of its outputs and renames them when all are complete. If one cannot be
+renamed, or Ctrl-C comes meanwhile, the earlier ones get their old names again. Scratch files of killed runs are removed
+by the next run with the same output.
 """
 
 import contextlib
@@ -15,12 +15,10 @@ import os
 import re
 import secrets
 import shutil
-import signal
 import sys
-import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
@@ -34,7 +32,6 @@ OTHER_FORMATS = frozenset(
 """File endings that a GeoTIFF should not have."""
 Reads = Mapping[str, Iterable[str | Path]]
 """Names of input files, by their role: "the input", "--mask"."""
-_HELD_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # signals that are held while files are moved
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
 
@@ -192,13 +189,12 @@ class Scratch:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
-                with _signals_held():
-                    self._commit()
+                self._commit()
         finally:
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every scratch file to its target; after an error, undo this in reverse order and raise WriteError."""
+        """Rename every scratch file to its target; after an error, undo this in reverse order and raise it again."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -214,38 +210,20 @@ class Scratch:
                     done.append((target, kept[-1]))
                 scratch.replace(target)
                 done.append((scratch, target))
-        except OSError as error:
+        except BaseException as error:
             after = "Nothing was changed"
             for old, new in reversed(done):
                 try:
                     new.replace(old)
                 except OSError:
                     after = f"{old} is now {new}"
+            if not isinstance(error, OSError):
+                raise
             said = f"{error.strerror or error}: {error.filename2 or error.filename or places[-1][1]}"
             raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
         for _scratch, target in places:  # companions of old files do not hold for the new ones
             _discard(*(Path(f"{target}{ending}") for ending in COMPANIONS))
         _discard(*kept)
-
-
-@contextlib.contextmanager
-def _signals_held() -> Iterator[None]:
-    """Hold signals within the block, and raise them at its end; only in the main thread, where Python handles them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    before: dict[int, Any] = {}
-    try:
-        for number in (getattr(signal, name) for name in _HELD_SIGNALS if hasattr(signal, name)):
-            if signal.getsignal(number) is not None:
-                before[number] = signal.signal(number, lambda which, _frame: came.append(which))
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        for number in dict.fromkeys(came):
-            signal.raise_signal(number)
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:

@@ -17,8 +17,7 @@ show objects and plumes: with them as references, a fifth of the objects in simu
 TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
 EVEN_SIDE, MOST_TAKEN = 9, 2.0
 """`EVEN_SIDE`: window over which the change by more references is averaged [pixel]. `MOST_TAKEN`: upper limit of the
-standard deviation of these means over the noise of a pixel: .1 to .9 over deep water, 4.5 and more where red edge shows
-a bottom."""
+standard deviation of these means over the noise of a pixel, which a bottom seen by red edge exceeds several times."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:

@@ -29,32 +29,27 @@ LEAST_GLINT, LEAST_DENSE = 0.2, 0.05
 predict) in it. `LEAST_DENSE` is for dense glint (span from `SPARSE` on), where fewer pixels are without glint."""
 MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
 """The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
-percentile: .007 to .02 for pixels that resolve sparkle, .07 for pixels of 1.2 m, .4 for 10 m. If it is below
-`MOSTLY_CLEAR`, most pixels have no glint and differ by noise, so that the minimum is not the level: the level is then
-the median of the lowest `LEAST_CLEAR` percent of the predictions."""
+percentile: .007 to .02 for pixels that resolve sparkle, .4 for 10 m. If it is below `MOSTLY_CLEAR`, most pixels differ
+by noise alone: the level is then the median of the lowest `LEAST_CLEAR` percent of the predictions."""
 AVERAGED, SPARSE = 3, 0.1
-"""If the span is below `SPARSE`, there is water without glint, and the least glint is searched in means of `AVERAGED` x
-`AVERAGED` pixels: a kernel that sharpens the NIR amplifies its noise, and the lowest noise would be taken as the level.
-If the span is larger, such a mean always contains glint. It is then replaced by a binomial filter of that size, which
-suppresses what changes from pixel to pixel: noise, and the negative lobes of resampling. If pixels do not resolve glint
-(`SHEET_SPAN`), glint itself changes from pixel to pixel, and single pixels are used."""
+"""If the span is below `SPARSE`, some water has no glint, and the least glint is searched in means of `AVERAGED` x
+`AVERAGED` pixels: in single pixels the lowest noise would be taken as the level. If the span is larger, such a mean
+always has glint, and a binomial filter of that size suppresses noise and the negative lobes of resampling. From
+`SHEET_SPAN` on glint itself changes from pixel to pixel, and single pixels are used."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""The lower half of the predictions is noise, and most pixels have no glint, under two conditions. The distance of the
-1st percentile from the median is more than `NORMAL_TAIL` times the distance of the 10th: 1.82 for a normal
-distribution, 1.1 to 1.5 where pixels have glint. The even share (`even_share`) is below `RARE`: it is 0 to .1 for rare
-sparkle, .4 to 1 for dense glint."""
+"""Most pixels have no glint if the distance of the 1st percentile of the predictions from the median is more than
+`NORMAL_TAIL` times the distance of the 10th (1.82 for noise with a normal distribution), and if the even share
+(`even_share`) is below `RARE`, as for rare sparkle."""
 SHEET_SPAN = 0.3
 """If the span is at least `SHEET_SPAN`, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image
 does not show how much of the minimum is water and how much is an even sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
-excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal. A third of the
-pixels remain if glint has the size of a pixel."""
+excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
 NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
-"""Share of the pixels that may be zero or negative in a band after removal [%]. `NEGATIVE` holds for the half of the
-sample with less glint, where it depends on the level; under strong glint, errors of the kernels make pixels negative.
-`NEGATIVE_OF_ALL` holds for the whole sample if the level is below the least glint: 1 %, less a margin for pixels
-outside the sample."""
+"""Share of the pixels that may be zero or negative in a band after removal [%]: `NEGATIVE` in the half of the sample
+with less glint, as under strong glint errors of the kernels make pixels negative; `NEGATIVE_OF_ALL` in the whole sample
+if the level is below the least glint: 1 %, less a margin for pixels outside the sample."""
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most

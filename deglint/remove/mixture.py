@@ -37,8 +37,7 @@ PLUME, PLUME_PERCENTILE = 0.5, 10.0
 """Brightness of a plume relative to the water, and percentile of a band that estimates the water [%]."""
 SKEWED, CLEAR = 0.15, 1.0
 """If the range of the lower half of the predictions is less than `SKEWED` times the range from their median to their
-99th percentile, some water has no glint, and its share is set to at least `CLEAR` %. The ratio is .05 to .13 at 9 m/s
-with the sun at 40 degrees, and .17 to .3 where glint is everywhere, near the mirror point or at 12 m/s."""
+99th percentile, some water has no glint, and its share is set to at least `CLEAR` %."""
 LEAST_KEPT = 0.75
 """Red edge is used if the gain of a plume added to every tile is at least this; smaller plumes are preserved better."""
 

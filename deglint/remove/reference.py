@@ -22,8 +22,7 @@ SIZE = 15  # side of the square for local means [pixel]: several waves, and less
 LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
 """A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
-Ships raise the maxima in the squares of a port, while a long tail of sparkle is in every square: the maximum of a scene
-is 1.4 to 2.2 times this percentile, for winds of 5 to 12 m/s and pixels of 1 to 10 m."""
+Ships raise the maxima in the squares of a port, while a long tail of sparkle is in every square."""
 LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
 GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 225 of them stays below 2^31
 

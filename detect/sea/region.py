@@ -30,8 +30,7 @@ _ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to
 _ATTACHED_WITHIN = 2  # largest distance of an attached part from land [pixel]: a pixel between them is mixed
 _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
-second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay. For the sides, all
-values of 0.2 to 0.3 find the same ships in six real ports."""
+second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay."""
 _DIRECTIONS = 12
 """Number of directions in the search for ships alongside. A ship deviates by at most 7.5 degrees from the nearest of
 them; a hull 8 times as long as wide tolerates this."""
