@@ -1,4 +1,4 @@
-"""Find nodata values and a missing offset that the file does not declare, from a sample of its pixels.
+"""Find nodata values, a missing offset and the NIR that the file does not declare, from a sample of its pixels.
 
 Opening a scene reads no pixels. `settled` is called before a scene is examined, fitted or corrected.
 """
@@ -6,6 +6,7 @@ Opening a scene reads no pixels. `settled` is called before a scene is examined,
 import logging
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,16 +38,20 @@ S2_FLOOR, S2_DARK = (950, 1150), 1300
 minimum of a NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert is
 brighter than that even without the offset."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
+BLUE_GREEN_RED_NIR, DARK = (480.0, 560.0, 660.0, 842.0), 5.0
+"""Wavelengths of four bands without names [nm]; red and blue may be exchanged. The order is assumed only if the darkest
+pixels (percentile `DARK`) agree: water is darkest in the NIR, and brighter in blue than in red."""
 
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Undeclared:
-    """Nodata and offset of each band that were found (empty: none found), and one line of text for each finding."""
+    """What was found for each band (empty: nothing), and one line of text for each finding."""
 
     nodatas: tuple[float | None, ...] = ()
     offsets: tuple[float, ...] = ()
+    wavelengths: tuple[float, ...] = ()  # [nm]
     notes: tuple[str, ...] = ()
 
     def on(self, scene: Scene) -> Scene:
@@ -55,17 +60,18 @@ class Undeclared:
             return scene
         info = scene.source.info
         info = replace(info, nodatas=self.nodatas or info.nodatas, offsets=self.offsets or info.offsets)
-        kept = [n for n in self.notes if n not in scene.notes]
-        return replace(scene, source=scene.source.declared(info), notes=(*scene.notes, *kept))
+        notes = (*scene.notes, *(n for n in self.notes if n not in scene.notes))
+        bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, self.wavelengths, strict=False))
+        return replace(scene, source=scene.source.declared(info), bands=bands or scene.bands, notes=notes)
 
 
 def settled(scene: Scene) -> Scene:
-    """A copy of the scene in which undeclared nodata and a missing offset are declared; pixels are read only once."""
+    """A copy of the scene in which the findings of `undeclared` are declared; pixels are read only once."""
     return undeclared(scene).on(scene)
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, and the missing offset of a subset of a Sentinel-2 product.
+    """Find undeclared nodata, the missing offset of a subset of a Sentinel-2 product, and the NIR of four bands.
 
     Nodata is searched for if neither the file nor the caller declares it. It is a value that is equal in all bands over
     at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or hold
@@ -77,13 +83,15 @@ def undeclared(scene: Scene) -> Undeclared:
     info, found = source.info, Undeclared()
     masked = any(f.masked or f.alpha is not None for f in source.files)
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
-    cut = _cut_sentinel2(scene, info)
-    if silent or cut:
+    cut, four = _cut_sentinel2(scene, info), _four(scene)
+    if silent or cut or four:
         blocks = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
             found = _nodata(scene, info, [(t, raw) for t, raw, _ in blocks])
         if cut:
             found = _offset(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
+        if four:
+            found = _order(info, [(raw, valid) for _, raw, valid in blocks], found)
     source.settled = True
     for note in found.notes:
         log.warning("%s", note)
@@ -162,13 +170,31 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
     return silent and info.dtype.kind in "iu" and len(scene.bands) > 2 and named and scaled
 
 
+def _four(scene: Scene) -> bool:
+    """Whether the scene has four bands with neither names nor wavelengths, or only the last is without."""
+    unknown = [b.wavelength is None and b.name == f"band {i}" for i, b in enumerate(scene.bands, start=1)]
+    return (
+        len(unknown) == 4
+        and unknown[3]
+        and (all(unknown) or all((b.wavelength or 1e9) < VISIBLE for b in scene.bands[:3]))
+    )
+
+
+def _order(info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
+    """Add the wavelengths of four bands to the findings if the darkest pixels agree with the usual order."""
+    dark = np.array(_percentiles(blocks, found.nodatas or info.nodatas, DARK)) * info.scales + info.offsets
+    if not dark[3] < dark[:3].min():
+        return found
+    blue, green, red, nir = BLUE_GREEN_RED_NIR
+    order = (blue, green, red, nir) if dark[0] >= dark[2] else (red, green, blue, nir)
+    waves = ", ".join(f"{w:g}" for w in order)
+    note = f"bands without names, taken for {waves} nm, as the last is the darkest; if they are not, pass --bands NAMES"
+    return replace(found, wavelengths=order, notes=(*found.notes, note))
+
+
 def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
     """Add the offset of Sentinel-2 to the findings if the file values include it; `blocks` are (values, valid)."""
-    nodatas = found.nodatas or info.nodatas
-    floors = []
-    for band, nodata in enumerate(nodatas):
-        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for raw, valid in blocks])
-        floors.append(float(np.percentile(values, 0.1)) if values.size else math.inf)
+    floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     dark = [f for f, b in zip(floors, scene.bands, strict=True) if b.wavelength and b.wavelength > VISIBLE]
     if not (S2_FLOOR[0] <= min(floors) <= S2_FLOOR[1] and dark and max(dark) <= S2_DARK):
         return found
@@ -180,8 +206,17 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 
+def _percentiles(blocks: list[tuple[Any, Any]], nodatas: Sequence[float | None], percent: float) -> list[float]:
+    """Percentile of the valid file values of each band; infinite for a band without any."""
+    out = []
+    for band, nodata in enumerate(nodatas):
+        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for raw, valid in blocks])
+        out.append(float(np.percentile(values, percent)) if values.size else math.inf)
+    return out
+
+
 def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> Mask:
-    kept: Mask = (raw != 0).any(axis=0)
+    kept: Mask = (raw != 0).any(axis=0) & np.isfinite(raw[band])
     if valid is not None:
         kept &= valid[band]
     return kept if nodata is None else kept & (raw[band] != nodata)
