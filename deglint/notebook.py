@@ -52,13 +52,3 @@ def stretch(image: npt.NDArray[Any], low: npt.NDArray[Any], high: npt.NDArray[An
     span = np.where(high > low, high - low, 1)[:, None, None]
     unit = np.clip(np.nan_to_num((image - low[:, None, None]) / span, nan=0.0), 0, 1) ** (1 / GAMMA)
     return np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0))
-
-
-def bars(shares: Sequence[float]) -> npt.NDArray[np.uint8]:
-    """Picture (row, column, 3) of a bar chart: one bar for each share, 0 to 1, from left to right."""
-    width = max(PICTURE_SIDE // max(len(shares), 1), 2)
-    picture = np.full((PICTURE_SIDE // 2, width * len(shares), 3), 255, np.uint8)
-    for i, share in enumerate(shares):
-        top = round((1 - min(max(share, 0.0), 1.0)) * len(picture))
-        picture[top:, i * width : (i + 1) * width - 1] = (70, 110, 160)
-    return picture

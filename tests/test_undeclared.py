@@ -154,3 +154,22 @@ def test_the_mask_does_not_depend_on_the_offset(sea):
     np.testing.assert_array_equal(with_offset, without)
     assert with_offset[:, :90].mean() > 0.99
     assert not with_offset[:, 90:].any()
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 1, 0, 3)])
+def test_four_bands_without_names_are_known_by_their_order(order, sea, write, read, deglint, tmp_path):
+    names, scene = ("blue", "green", "red", "nir"), sea(100, 120)[list(order)]
+    ran = deglint("remove", write(tmp_path / "in.tif", scene, names=None), tmp_path / "out.tif")
+    asked = ",".join(names[i] for i in order)
+    assert ran.code == 0, ran.err
+    assert ran.err.count(f"bands without names are taken for {asked}") == 1
+    named = write(tmp_path / "named.tif", scene, names=[names[i] for i in order])
+    assert deglint("remove", named, tmp_path / "same.tif").code == 0
+    np.testing.assert_array_equal(read(tmp_path / "out.tif"), read(tmp_path / "same.tif"))
+    assert (read(tmp_path / "out.tif")[:3] != scene[:3]).any()
+
+
+def test_another_order_of_four_bands_is_not_guessed(sea, write, deglint, tmp_path):
+    ran = deglint("info", write(tmp_path / "in.tif", sea(100, 120)[[3, 2, 1, 0]], names=None))
+    assert "no near-infrared band" in ran.out + ran.err
+    assert "taken for" not in ran.out + ran.err

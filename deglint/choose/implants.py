@@ -22,8 +22,7 @@ pixel to the length of swell."""
 DEPTH = 3.0  # depth of textures and discs [m]: they are weak in the red and invisible in the NIR
 TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water, relative to the water: standard deviation of textures, bright discs, dark discs; and
-brightness of white targets in every band, relative to the water in the brightest band. All are easily visible in an
-image without glint."""
+brightness of white targets in every band, relative to the brightest band. All are clearly visible without glint."""
 SEED = 1  # seed of the random generator: the same tiles always get the same signals
 CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 

@@ -32,9 +32,8 @@ NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard deviations]
 EVEN, MIRRORED = 0.55, 0.2
-"""Mirrored sky has at least this even share (`even_share`), and at most this standard deviation relative to the water:
-.55 to 1.3 and .003 to .05 in simulated seas. Dense sun glint has a similar even share, but a standard deviation of .4
-to 1.3; sparse sun glint has a smaller even share."""
+"""Mirrored sky has at least this even share (`even_share`), and at most this standard deviation relative to the water.
+Dense sun glint has a similar even share, but a larger standard deviation; sparse sun glint has a smaller even share."""
 LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer pixels do not determine texture
 
 

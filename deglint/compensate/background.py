@@ -45,8 +45,7 @@ RAISED = 4.0
 """Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
 PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit is a pixel that is darker than the water around it by `PIT_K` standard deviations of noise. An image has
-ringing if the share of pits exceeds `MOST_PITS` in every band. The share is 3e-7 for normal noise, up to 1e-4 in
-simulated seas, and 4e-4 to 1e-2 in scenes resampled by cubic convolution or Lanczos."""
+ringing if the share of pits exceeds `MOST_PITS` in every band; for normal noise it is 3e-7."""
 PIT_SIDE = 9  # side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels
 
 

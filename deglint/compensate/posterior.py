@@ -42,12 +42,10 @@ NARROWEST_CLUMP = 3  # lower limit of the width of a clump [pixel]: the mean of 
 WAVES_RESOLVED, RESOLVED, STRONG_QUANTILE = 5.0, 3.0, 0.993
 """Pixels of at least `WAVES_RESOLVED` [m] hold whole waves: their texture grows with the waves. Such an image is
 changed only if pixels with strong glint (above `STRONG_QUANTILE`) have more than `RESOLVED` times the standard
-deviation of pixels with little glint, in the mean over bands. Texture alone gives a ratio of 1.1 to 2.7 at 10 m."""
+deviation of pixels with little glint, in the mean over bands. For texture alone the ratio is smaller."""
 WIDEST_CLUMP = 32  # largest lag of the autocorrelation of glint [pixel]
-TABLE_ENTRIES = 2048
-"""Number of entries of the lookup table of variances, denser for little glint; np.interp is ten times slower."""
-LEAST_VARIANCE = np.float32(0.01)
-"""Lower limit of the variance of the water, relative to the variance of noise."""
+TABLE_ENTRIES = 2048  # entries of the lookup table of variances, denser for little glint; np.interp is ten times slower
+LEAST_VARIANCE = np.float32(0.01)  # lower limit of the variance of the water, relative to the variance of noise
 UNKNOWN = np.float32(1e6)
 """Variance of left-over glint, relative to the variance of noise, in pixels without information on the water: saturated
 pixels, and for the posterior mean also pixels that are zero or negative in a corrected band."""

@@ -67,9 +67,6 @@ class Fitted:
     def __repr__(self) -> str:
         return f"Fitted({self.model!r}, compensation {self.chain.text if self.chain.runs else 'none'})"
 
-    def _repr_html_(self) -> str:
-        return self.model._repr_html_()
-
 
 @checked_keywords()
 def fit_scene(

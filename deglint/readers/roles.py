@@ -1,6 +1,6 @@
 """Roles of the bands: the near infrared that shows glint, and blue, green, red and shortwave infrared.
 
-Roles follow from the wavelength, or from the name if there is none, never from the position in the file.
+Roles follow from the wavelength, or from the name if there is none, not from the position in the file.
 """
 
 import numbers

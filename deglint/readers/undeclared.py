@@ -20,6 +20,7 @@ from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
+from .spectral import nominal_wavelength
 
 log = logging.getLogger("deglint")
 LOOKED_AT = 400_000  # pixels of a scene that are read; smaller scenes are read completely
@@ -35,12 +36,13 @@ S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (file value - 1000) / 10000."""
 S2_FLOOR, S2_DARK = (950, 1150), 1300
 """If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
-minimum of a NIR or SWIR band exceeds the second value: water and shadow reflect almost nothing there. A desert is
-brighter than that even without the offset."""
+minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
-BLUE_GREEN_RED_NIR, DARK = (480.0, 560.0, 660.0, 842.0), 5.0
-"""Wavelengths of four bands without names [nm]; red and blue may be exchanged. The order is assumed only if the darkest
-pixels (percentile `DARK`) agree: water is darkest in the NIR, and brighter in blue than in red."""
+ORDER = ("blue", "green", "red", "nir")
+"""Usual order of four bands without names; red and blue may be exchanged. It is assumed only if the last band is the
+darkest over water (percentile `DARK`), or if its range from there to percentile `BRIGHT` is `WIDER` times that of every
+other band: plants are bright in the NIR."""
+DARK, BRIGHT, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]
 
@@ -61,7 +63,9 @@ class Undeclared:
         info = scene.source.info
         info = replace(info, nodatas=self.nodatas or info.nodatas, offsets=self.offsets or info.offsets)
         notes = (*scene.notes, *(n for n in self.notes if n not in scene.notes))
-        bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, self.wavelengths, strict=False))
+        bands = tuple(
+            replace(b, wavelength=b.wavelength or w) for b, w in zip(scene.bands, self.wavelengths, strict=False)
+        )
         return replace(scene, source=scene.source.declared(info), bands=bands or scene.bands, notes=notes)
 
 
@@ -172,24 +176,21 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 def _four(scene: Scene) -> bool:
     """Whether the scene has four bands with neither names nor wavelengths, or only the last is without."""
-    unknown = [b.wavelength is None and b.name == f"band {i}" for i, b in enumerate(scene.bands, start=1)]
-    return (
-        len(unknown) == 4
-        and unknown[3]
-        and (all(unknown) or all((b.wavelength or 1e9) < VISIBLE for b in scene.bands[:3]))
-    )
+    waves = [b.wavelength for b in scene.bands]
+    unnamed = len(waves) == 4 and waves[3] is None and scene.names[3] == "band 4"
+    return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
 def _order(info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
-    """Add the wavelengths of four bands to the findings if the darkest pixels agree with the usual order."""
-    dark = np.array(_percentiles(blocks, found.nodatas or info.nodatas, DARK)) * info.scales + info.offsets
-    if not dark[3] < dark[:3].min():
+    """Add the wavelengths of four bands to the findings if brightness and variation agree with the usual order."""
+    nodatas = found.nodatas or info.nodatas
+    dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, BRIGHT))
+    if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
         return found
-    blue, green, red, nir = BLUE_GREEN_RED_NIR
-    order = (blue, green, red, nir) if dark[0] >= dark[2] else (red, green, blue, nir)
-    waves = ", ".join(f"{w:g}" for w in order)
-    note = f"bands without names, taken for {waves} nm, as the last is the darkest; if they are not, pass --bands NAMES"
-    return replace(found, wavelengths=order, notes=(*found.notes, note))
+    names = ORDER if dark[0] >= dark[2] else (*ORDER[2::-1], ORDER[3])
+    said = f"bands without names are taken for {','.join(names)}, from their order and brightness"
+    waves = tuple(nominal_wavelength(name) or 0.0 for name in names)
+    return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:

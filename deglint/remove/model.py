@@ -128,13 +128,6 @@ class GlintModel:
         references = ", ".join(self.band_names[b] for b in self.index_bands)
         return f"GlintModel({self.method}: {names} on {references})"
 
-    def _repr_html_(self) -> str:
-        from ..notebook import bars, shown
-
-        known = [f.r2 for f in self.fits if f.r2 is not None]  # the picture has a bar for the R2 of each band
-        lines = [line.strip().partition(" ") for line in str(self).splitlines()[1:]]
-        return shown(repr(self), [(a, b.strip()) for a, _, b in lines], bars(known) if known else None)
-
     def _index_name(self, index: GlintIndex) -> str:
         """The bands of an index as text, with the sides of its kernels, or with its weights if these are not equal."""
         if index.offsets:

@@ -32,8 +32,7 @@ _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
 second at each side. Bends and mixed pixels lower the fraction at the ends; land at a side is a quay."""
 _DIRECTIONS = 12
-"""Number of directions in the search for ships alongside. A ship deviates by at most 7.5 degrees from the nearest of
-them; a hull 8 times as long as wide tolerates this."""
+"""Directions in the search for ships alongside: a hull 8 times as long as wide tolerates a deviation of 7.5 degrees."""
 _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 
