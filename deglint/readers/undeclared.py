@@ -40,9 +40,9 @@ minimum of a NIR or SWIR band exceeds the second value, as water and shadow refl
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed only if the last band is the
-darkest over water (percentile `DARK`), or if its range from there to percentile `BRIGHT` is `WIDER` times that of every
+darkest over water (percentile `DARK`), or if its range from there to percentile `UPPER` is `WIDER` times that of every
 other band: plants are bright in the NIR."""
-DARK, BRIGHT, WIDER = 5.0, 95.0, 1.25
+DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]
 
@@ -184,7 +184,7 @@ def _four(scene: Scene) -> bool:
 def _order(info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
     """Add the wavelengths of four bands to the findings if brightness and variation agree with the usual order."""
     nodatas = found.nodatas or info.nodatas
-    dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, BRIGHT))
+    dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
         return found
     names = ORDER if dark[0] >= dark[2] else (*ORDER[2::-1], ORDER[3])
