@@ -69,7 +69,7 @@ class Order:
 
 
 def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file, TOML with the tables of `Order`; `directory`, if given, replaces the directory in it.
+    """Read a recipe file, TOML with the tables of `Order`; a given `directory` replaces the file's output directory.
 
     Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
     directory above the current one.
@@ -192,14 +192,13 @@ def run_batch(
     order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
     overwrite: bool = False, dry_run: bool = False, done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
-    """Remove glint from many scenes and return the outcome of each, in their order.
+    """Remove glint from many scenes and return the outcome of each, in the order of `scenes`.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
     divided evenly). `overwrite` replaces existing outputs that do not come from this recipe and these inputs; finished
     scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with each outcome.
 
-    Raises InputError, WriteError before any work starts: names that clash, a directory that cannot be written to, or in
-    which another batch runs.
+    Raises InputError, WriteError before any work starts: names clash; a directory is not writable or in use by a batch.
     """
     jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
@@ -232,7 +231,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs on `count` processes with `threads` threads each; call `ended` with number and outcome of each job."""
+    """Run jobs (`todo`, by number) on `count` processes of `threads` threads; call `ended` with number and outcome."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 

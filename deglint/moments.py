@@ -84,7 +84,7 @@ class CellMoments:
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
-        """All cells of the parts; cells may repeat."""
+        """All cells of the parts, not merged: a cell of the scene may occur in several parts."""
         return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _CELL_FIELDS))
 
     def by_place(self) -> CellMoments:
@@ -92,10 +92,9 @@ class CellMoments:
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
     def joined(self, levels: int) -> CellMoments:
-        """Merge the cells of each row in groups of 2**levels columns, counted from the left edge of the scene.
+        """Merge the cells of each row in groups of 2**levels columns of cells, from the left edge of the scene.
 
-        Within a group, neighbours are merged first. Groups that are merged already do not change. The result is in
-        row-major order.
+        In a group, neighbours are merged first. Merged groups do not change. The result is in row-major order.
         """
         out = self.by_place()
         for level in range(1, levels + 1):
@@ -103,7 +102,7 @@ class CellMoments:
         return out
 
     def _pairs_merged(self, level: int) -> CellMoments:
-        """Merge pairs of cells that lie in the same group of 2**level columns."""
+        """Merge pairs of cells that lie in the same row and in the same group of 2**level columns of cells."""
         groups = self.keys >> np.array([0, level])
         first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
@@ -124,7 +123,7 @@ class CellMoments:
         return merged if even == len(self.n) else CellMoments.concatenate([merged, self.where(slice(even, None))])
 
     def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
-        """Some of the cells, by index, slice or mask."""
+        """The cells that `chosen` selects: indexes, a slice, or a mask (cell,)."""
         return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
 
     def total(self) -> Moments:
@@ -220,7 +219,7 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
-    """Moments of the pixels of one cell, (variable, row, column), in one pass if possible, else in two."""
+    """Moments of a cell, (variable, row, column), in one pass or two; `inside`, (row, column): pixels that count."""
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
         one = _one_pass(x)
@@ -232,10 +231,7 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
 
 
 def _one_pass(x: Float64) -> Reduced | None:
-    """Moments of `x` (variable, pixel) in one pass; None if that loses precision, or a value is not finite.
-
-    A typical pixel is subtracted from `x`, which is changed.
-    """
+    """Moments of `x` (variable, pixel) in one pass; None if that is imprecise or not finite. `x` is changed."""
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
     shift = _typical(x)
@@ -265,7 +261,7 @@ def _two_passes(x: Float64) -> Reduced:
 
 
 def _typical(x: Float64) -> Float64:
-    """Median of first, middle and last pixel for each variable; it is robust against one outlier."""
+    """Median of first, middle and last pixel of `x` (variable, pixel), (variable,); robust against one outlier."""
     return np.sort(x[:, [0, x.shape[1] // 2, -1]], axis=1)[:, 1]
 
 

@@ -1,4 +1,4 @@
-"""Pictures of the result: before and after, side by side, in the same stretch."""
+"""Pictures of the result: before and after, side by side, with the same contrast stretch."""
 
 from pathlib import Path
 from typing import cast
@@ -17,10 +17,10 @@ LONGEST_PICTURE = 900  # longest side of each picture [pixel]
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
-    """A PNG of the scene before and after correction (the file `result`), with a caption.
+    """A PNG of the scene beside its correction, the file `result`; captions name the bands, and the method of `model`.
 
-    Both halves have the same stretch: black is the 1st percentile of each corrected band; white is its 99.5th
-    percentile, or the 90th percentile of the raw band, whichever is higher.
+    Both halves have the same stretch: black is the 1st percentile of each corrected band; white is the 99.5th
+    percentile of the corrected band, or the 90th percentile of the raw band, whichever is higher.
     """
     import cv2
 
@@ -40,7 +40,7 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
 
 
 def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
-    """Physical values of some bands, (band, row, column), every n-th pixel of every n-th row, read by tiles."""
+    """Physical values, (band, row, column), of every n-th row and column, read by tiles; at most `LONGEST_PICTURE`."""
     step = max(1, -(-max(scene.height, scene.width) // LONGEST_PICTURE))
     out = np.empty((len(bands), -(-scene.height // step), -(-scene.width // step)), np.float32)
     side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])

@@ -34,7 +34,7 @@ class Band:
     time_offset : float, optional
         Time of the band after the first band [s].
     group : str, optional
-        Name; bands with the same group are taken at (nearly) the same time.
+        Name of a group; bands of the same group are recorded at (nearly) the same time.
     saturation : float, optional
         Physical value from which on the band is saturated.
     """

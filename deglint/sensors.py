@@ -66,7 +66,7 @@ class Sensor:
     sources: tuple[str, ...] = ()  # of the data
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
-        """The bands of the product with `count` bands, in its order; empty if not known, or if the order varies.
+        """The bands of the product with `count` bands, in order; empty if no product is known, or the order varies.
 
         >>> [b.name for b in load("sentinel2").product(4)]
         ['B02', 'B03', 'B04', 'B08']
@@ -80,7 +80,7 @@ class Sensor:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Numbers of bands that its known products have; empty if the order of bands differs between products."""
+        """Numbers of bands of the sensor's known products; empty if the order of bands differs between products."""
         return tuple(sorted({len(self.bands), *map(len, self.products)})) if self.ordered else ()
 
 

@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least one, or, if too large, `side`."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -119,7 +119,7 @@ def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
 def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
     """Select tiles, evenly spread over the scene, that hold about `pixels` pixels; all tiles if they hold fewer.
 
-    They form a regular lattice, shifted from row to row, in row-major order. The same tiles give the same selection.
+    The selection is a regular lattice, shifted from row to row, in row-major order; it depends on the arguments only.
     """
     area = max(t.pixels for t in everything)
     wanted = max(pixels // area, 1)

@@ -8,7 +8,7 @@ log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """A progress function that logs at most every `LOG_EVERY` seconds, first that long after a stage starts."""
+    """A progress function that logs at most every `LOG_EVERY` seconds, and not in the first `LOG_EVERY` of a stage."""
 
     def __init__(self) -> None:
         self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0

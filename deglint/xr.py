@@ -208,8 +208,7 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
 def stack(dataset: Any) -> Any:
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
-    If the wavelengths of at least two variables are known, only these variables are bands: classes and masks are left
-    out.
+    If the wavelengths of at least two variables are known, only those variables are bands, not classes or masks.
 
     Raises
     ------
@@ -252,9 +251,8 @@ def over_tiles(
 ) -> Any:  # fmt: skip
     """Run `work` on a scene's tiles: lazily on the chunks of a Dask array; else at once, on threads.
 
-    `work` must be picklable; it gets a scene from which the tile and `reach` pixels around it can be read. `like` holds
-    the number of bands and the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples
-    of `step` [pixel].
+    `work` must be picklable; it can read the tile and `reach` pixels around it. `like` holds the number of bands and
+    the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples of `step` [pixel].
     """
     scene = opened.scene
     if hasattr(opened.values, "dask"):
@@ -284,7 +282,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
 def _of_chunk(
     scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
 ) -> npt.NDArray[Any]:
-    """Run `work` on a chunk with `reach` pixels around it; `block_info` (from dask) gives its position."""
+    """Run `work` on a chunk; `block`: the chunk and `reach` pixels around; `block_info` (from dask): its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
@@ -292,7 +290,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Sizes of chunks along an axis, at least `least`, with their edges moved up to multiples of `step` [pixel]."""
+    """Sizes [pixel] of chunks along an axis after moving edges up to multiples of `step`; each is at least `least`."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

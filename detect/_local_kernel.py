@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """out[k] = sum of values[k + m step] over m < `width`, by spans that double; overwrites `values`, `spare`."""
+    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, by spans that double; overwrites `values`, `spare`."""
     done, span = 0, 1
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sum first * second along rows: over the window into `whole`, over the window without the guard into `beside`."""
+    """Sum first * second, (row, column), along rows: over the window into `whole`, without the guard into `beside`."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -58,7 +58,7 @@ def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-un
 def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
     """Fill `out` with sums of the products x[i] x[j], j <= i, over the ring of each pixel: four bars around its guard.
 
-    x : (1 + bands, rows, columns), the first is 1 where a pixel is valid
+    x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands
     inner, bar : width of the guard, and of a bar [pixel]
     out : (products, rows, columns), with `inner` + 2 `bar` - 1 rows and columns fewer than x
     """
@@ -81,11 +81,11 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
     """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 where the pivot is lost or inexact; update `state` there.
 
-    pivot : sum of squares of the band in the ring, minus the part that earlier bands explain; lost up to `exact` times
-        the sum, inexact up to 1000 times as much
+    pivot : (pixels,), as all arrays: sum of squares of the band in the ring, minus the part that earlier bands explain.
+        It is lost if it is at most `exact` times that sum, and inexact if at most 1000 times as much
     rest : deviation of the pixel from the mean of its ring, minus the part that earlier bands explain
     ring : sum of squares of the band, number of pixels of the ring, and deviation of the pixel, before the subtraction
-    state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE stays
+    state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE is never replaced
     """
     square, count, away = ring
     for c in range(len(pivot)):
@@ -104,7 +104,7 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
     """Compute `distances` of `LANES` pixels at the same time, by a Cholesky factorisation row by row.
 
-    `root`, (bands + 1, bands, pixels), is an output: the rows of the factor, and a last row for the whitened pixels.
+    `root`, (bands + 1, bands, pixels), is an output: the rows of the Cholesky factor, then the whitened pixels.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
@@ -145,11 +145,10 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 
 @njit(nogil=True, cache=True)
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
-    """Squared Mahalanobis distances of pixels from their rings, and the state of each.
+    """Squared Mahalanobis distances of pixels from their rings, and states of pixels; `ddof` and `ridge` as `local_rx`.
 
     DONE: the distance is valid. DEFICIENT: it is valid, but bands that depend linearly on others, in both ring and
     pixel, are left out. ASIDE: it is not valid: the sums are not precise enough, or the ring has too few pixels.
-
     sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels)
     total, state : (pixels,), outputs: distances and states
     """

@@ -111,7 +111,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """Three pairs of mean and covariance to start `_concentrate` from; x has median 0 and robust deviation 1."""
+    """Three starts, (mean, covariance), of `_concentrate`; x, (pixels, bands), has median 0 and robust deviation 1."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
@@ -126,9 +126,9 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Fit mean and covariance to the `count` pixels nearest to the last fit, until the determinant does not decrease.
+    """Fit mean and covariance to the `count` pixels nearest to the previous mean, until the determinant stops falling.
 
-    x is (pixels, bands). Returns mean, covariance and the logarithm of the determinant.
+    `x` is (pixels, bands), `mean` and `covariance` are the start. Returns both, and the logarithm of the determinant.
     """
     before = np.inf
     for _ in range(_STEPS):

@@ -48,7 +48,7 @@ class LineScorer:
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
-        """Squared Mahalanobis distance of every pixel of a line from the lines before; then the line is added to them.
+        """Squared Mahalanobis distance of every pixel of a line from the lines before; then the averages are updated.
 
         Parameters
         ----------

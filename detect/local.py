@@ -4,7 +4,6 @@ The background of a pixel is its ring: a square window of `outer` x `outer` pixe
 `inner` x `inner` pixels. For few bands, the moments of the ring are sums over the window; their cost grows with the
 logarithm of `outer`. For many bands, and where the sums are not precise enough, each pixel is computed from the pixels
 of its ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
-
 The ring is the sum of four bars around the guard, not the difference of two squares, and the sums never subtract a
 value. So an extreme pixel does not reduce the precision of rings that do not contain it.
 
@@ -156,7 +155,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and states (`STATES`) of a cell, (row, column); `good`: valid pixels of the block, `held`: its tile."""
+    """Scores and states (`STATES`) of a cell, (row, column); `good`: valid pixels of `block`, `held`: its tile."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():
@@ -180,7 +179,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """A cell and its halo, (1 + band, row, column): ones, then the bands minus their median; 0 where not valid."""
+    """A cell and its halo, (1 + band, row, column): first 1, then the bands minus their median; all 0 if not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
@@ -225,7 +224,7 @@ def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: 
 
 
 def _places(at: int, size: int, side: int, border: str) -> Int64:
-    """Rows (or columns) in a window of `side` rows around row `at` of `size` rows; mirrored rows occur twice."""
+    """Rows in the window of `side` rows around row `at`, if the scene has `size` rows; mirrored rows occur twice."""
     first = at - side // 2
     if border == "shift":
         first = min(max(first, 0), size - side)
@@ -239,7 +238,7 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
     """d^T M^+ d with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,); and whether M has full rank.
 
-    R = `ring`, (pixel, band), holds deviations from the mean, times `root`, (pixel,): the square roots of the weights.
+    M^+ is the pseudo-inverse. R = `ring`, (pixel, band), holds deviations from the mean, times sqrt(weight) = `root`.
     """
     bands = ring.shape[1]
     if bands > SUMS_BANDS:

@@ -39,7 +39,7 @@ class Mover:
 
 
 def _contrast(band: Float32, water: Mask) -> Float32:
-    """Deviation of every pixel from the water around it [robust standard deviation], (row, column); 0 for NaN."""
+    """Pixel minus mean of the pixels of `water` around it [robust standard deviation], (row, column); 0 for NaN."""
     import cv2
 
     known = water & np.isfinite(band)
@@ -86,7 +86,7 @@ def find_moving(
 
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
-    """Row and column (mean weighted by contrast) and peak contrast of every detection in `sea`, (detection, 3)."""
+    """Row, column (means weighted by contrast), and peak contrast of detections in the mask `sea`, (detection, 3)."""
     from scipy import ndimage
 
     from .objects import label
@@ -100,7 +100,7 @@ def _peaks(contrasts: Float32, sea: Mask) -> Float64:
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
     """The boat at the detection `start` of the band `first`, with the motion that fits detections in all bands best.
 
-    `places` holds the detections of each band, (detection, 3). None: no motion fits, or it is too slow or too fast.
+    `places`: detections of each band, (detection, 3); `times` [s], `pixel` [m]. None: no motion of allowed speed fits.
     """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])

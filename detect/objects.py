@@ -145,7 +145,7 @@ def find_among(
 
 
 def label(mask: Mask) -> Int32:
-    """Number the parts of a mask, (row, column), from 1; 0 elsewhere. Pixels are connected also at their corners."""
+    """Number the connected parts of a mask, (row, column), from 1; 0 elsewhere. Corners connect pixels, too."""
     import cv2
 
     if mask.size == 0:  # OpenCV crashes
@@ -154,7 +154,7 @@ def label(mask: Mask) -> Int32:
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
-    """GeoJSON FeatureCollection (RFC 7946) with the outlines and the numbers of objects.
+    """GeoJSON FeatureCollection (RFC 7946) of objects: outlines, and label, scores, size and place as properties.
 
     `move` converts (column, row) corners to longitude and latitude; without it, the coordinates are (column, row).
     """

@@ -41,7 +41,7 @@ class Method:
     """Entry of the table of detectors.
 
     `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
-    nir). It is None for a detector that does not compare with one background for the whole scene.
+    nir). `matrices` is None for a detector that does not compare with one background for the whole scene.
     """
 
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
@@ -53,7 +53,7 @@ class Method:
 class Detector:
     """A fitted detector.
 
-    The score of a pixel x, (bands,), is the squared length of `whiten` d plus `linear` d, with d = x - mean - rest.
+    The score of a pixel x, (bands,), is |whiten d|^2 + linear . d, with d = x - mean - rest.
     """
 
     mean: Float64  # (bands,)
@@ -121,7 +121,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
 
 
 def _likeness(background: Background, whiten: Float64) -> Float64:
-    """Inverse covariance times (1 - mean), (bands,): the filter of the uniform target detector."""
+    """C^-1 (1 - mean), (bands,): filter of the uniform target detector, with 1 in all bands and the covariance C."""
     return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
 
 
@@ -223,13 +223,13 @@ def rx(
 
 @checked_keywords()
 def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """Uniform target detector (1 - mean)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
+    """Uniform target detector (1 - mean)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """RX minus UTD, (x - 1)' C^-1 (x - mean) (Ashton and Schaum 1998); parameters as `rx`."""
+    """RX minus UTD, (x - 1)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as `rx`."""
     return _run("rx-utd", image, background, mask)
 
 

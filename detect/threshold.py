@@ -175,7 +175,7 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 
 
 def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """`p_value` with a relative error of up to 1e-8, in a tenth of the time, for whole scenes.
+    """`p_value` with a relative error of up to 1e-8, in a tenth of the time of `p_value`, for whole scenes.
 
     The logarithm of the p-value is a smooth function of the square root of the score. A cubic spline interpolates it
     where the p-value is above 1e-290. The result does not depend on the division into tiles.
@@ -234,7 +234,7 @@ def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
 def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold from a generalised Pareto distribution fitted to the highest scores, also for a rate below 1 / n.
 
-    The k scores above u, the start of the tail, follow P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
+    k of n scores x exceed u, the start of the tail: P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
     its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `numbers` holds the Kolmogorov distance
     of the distribution from the scores. Raises InputError: no score is valid, or pfa is out of range. Raises FitError:
@@ -319,7 +319,7 @@ def _excess_at(ratio: float, shape: float, scale: float) -> float:
 
 
 def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Standard error of a threshold by the delta method, from the errors of k/n, scale and shape (Coles, eq. 4.15)."""
+    """Standard error of a threshold (delta method, Coles, eq. 4.15), from errors of scale, shape and fraction k/n."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k

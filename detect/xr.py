@@ -32,10 +32,7 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray; parameters and errors as `score`.
-
-    A lazy array is computed now, once and chunk by chunk.
-    """
+    """Fit the background of a DataArray now; a lazy array is read once, by chunks. Parameters and errors as `score`."""
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
@@ -90,7 +87,7 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, mask, ...; the rest is as in `score`.
+    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, ...; other parameters as `score`.
 
     Examples
     --------

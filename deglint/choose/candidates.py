@@ -37,9 +37,9 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
 
 def windows(width: float, clump: int) -> list[int]:
-    """Windows of morphological openings to try, odd [pixel].
+    """Sides of the windows of morphological openings to try [pixel]; all are odd.
 
-    The first is the largest that preserves the smallest object; if clumps of glint are small, a smaller one is added.
+    The first is the largest that preserves objects of `width`; if clumps of glint are small, a smaller one is added.
 
     Examples
     --------
@@ -52,5 +52,5 @@ def windows(width: float, clump: int) -> list[int]:
 
 
 def _odd(size: float) -> int:
-    """Largest odd integer that is not above a size."""
+    """Largest odd integer up to `size`."""
     return int(size) - 1 + int(size) % 2

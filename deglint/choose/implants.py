@@ -68,7 +68,7 @@ def gains(
 ) -> dict[str, float]:
     """Gain of each signal, by name: least squares fit of the patterns to the responses, over all tiles and bands.
 
-    The mean of each tile is subtracted first, because signals also change the fitted level.
+    The mean of each tile is subtracted first, because signals also change the fitted level (glint-free NIR).
 
     responses : (band, row, column) of each tile: results of a recipe with the signals minus its results without them
     added : signals of each tile
@@ -91,7 +91,7 @@ def gains(
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:
-    """Texture between two scales [pixel]: a random pattern with the standard deviation `TEXTURE_CONTRAST`."""
+    """Random pattern (row, column) of scales from `fine` to `coarse` [pixel]; standard deviation `TEXTURE_CONTRAST`."""
     import cv2
 
     noise = rng.standard_normal(shape).astype(np.float32)
@@ -100,7 +100,10 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
 
 def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Float32:
-    """Discs of a width [pixel], alternately bright and dark; about six widths, and at least 16 pixels, apart."""
+    """Contrast (row, column): discs of a width [pixel], bright and dark in turn.
+
+    The centres of the discs are about six widths, and at least 16 pixels, apart.
+    """
     import cv2
 
     out, pitch = np.zeros(shape, np.float32), max(round(6 * width), 16)
@@ -112,7 +115,7 @@ def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Fl
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """A Gaussian of height `PLUME`, at random near the centre, with a standard deviation of a fifth of the tile."""
+    """A Gaussian (row, column) of height `PLUME`, random near the centre; standard deviation: a fifth of the tile."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2
@@ -120,7 +123,7 @@ def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
 
 
 def _targets(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Squares of 2 x 2 pixels with the value 1, about 24 pixels apart."""
+    """Contrast (row, column): squares of 2 x 2 pixels with the value 1, about 24 pixels apart; 0 elsewhere."""
     out = np.zeros(shape, np.float32)
     for row in range(12, shape[0] - 2, 24):
         for column in range(12, shape[1] - 2, 24):

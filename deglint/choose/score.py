@@ -11,12 +11,12 @@ without glint and noise, is then
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
 S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
-twice: over all pixels, and over the pixels with the least glint. The first is too large if all recipes leave glint. The
-second is too small if it leaves out shallow bottoms, which look like glint in the NIR. S is the geometric mean of both
-minima, or the first if that is smaller. S is at least the texture that glint cannot explain because the NIR shows less
-of it (`least_signal`). A recipe that erases signals has a small P but also a small g, so erasing is not rewarded. The
-few tiles may lack some signals. Therefore two losses are added to E: that of a weak signal at each scale, and that of
-objects of a typical contrast that cover a hundredth of the scene.
+twice: over all pixels, and over the pixels with the least glint. The first minimum is too large if all recipes leave
+glint. The second is too small if shallow bottoms, which look like glint in the NIR, are left out. S is the geometric
+mean of both minima, or the first if that is smaller. S is at least the texture that glint cannot explain, because the
+NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also a small g, so erasing is
+not rewarded. The few tiles may lack some signals. Therefore two losses are added to E: the loss of a weak signal at
+each scale, and the loss of objects of a typical contrast that cover a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. If the median after a removal exceeds the lowest median after an opening, the excess
@@ -46,14 +46,14 @@ thousand pixels in eight tiles) that the power of their texture is known to a fe
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
-    """Mean square of the texture at each scale, (scale,), over all pixels and bands.
+    """Mean square of the texture, divided by `unit`, at each scale, (scale,), over all pixels and bands.
 
     Texture is the difference of local means over two successive `SCALES`; at the last scale, it is the local mean minus
     the mean of its tile.
 
     images, inside : for each tile, (band, row, column), and (row, column) mask of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
-    clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default all inside
+    clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default `inside`
     """
     import cv2
 
@@ -99,9 +99,9 @@ def least_signal(
 
 
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
-    """Mask of each tile, (band, scale, row, column), of the pixels with the least glint around them.
+    """Mask of each tile, (band, scale, row, column): True at the pixels with the least glint around them.
 
-    glint, inside : as `images` and `inside` of `powers`; there are no masks for the coarsest scale
+    glint, inside : for each tile, glint (band, row, column), and mask as for `powers`; the coarsest scale has no masks
     """
     import cv2
 
@@ -118,7 +118,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share of True pixels in the square around each pixel, (row, column), positive; for each of `SCALES[1:]`."""
+    """Share of True pixels in the square around each pixel, (row, column), above 0; for each side in `SCALES[1:]`."""
     import cv2
 
     known = mask.astype(np.float32)

@@ -129,7 +129,7 @@ def choose(
     fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
-    """Try candidates, and take the one with the least expected error.
+    """Try candidates, and choose the one with the least expected error.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def choose(
     width : float
         Width of the smallest object to keep [pixel].
     fine : bool
-        Pixels resolve sparkle. Then a removal of mirrored sky, which varies evenly about its median, is refused.
+        Pixels resolve sparkle. Then a removal of mirrored sky, which is symmetrical about its median, is refused.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
@@ -189,7 +189,7 @@ def _best(trials: Sequence[Trial]) -> Trial:
 def _judged(
     runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32, setting: Setting
 ) -> list[Trial]:
-    """A trial for each run, with its expected error; the error is infinite if it cannot be computed."""
+    """The trial of each run; its error is infinite if it cannot be computed. `added` and `unit` are as for `gains`."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
@@ -212,7 +212,7 @@ def _judged(
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
-    """Lower limit of the power of the scene's own texture, (scale,); 0 unless all bands are in 300 to 1000 nm."""
+    """Lower limit of the power of the scene's own texture, (scale,); 0 if a wavelength is not in 300 to 1000 nm."""
     if (setting.colour == 1).all():
         return 0.0
     images, nir = [s.image for s in sample.states], setting.nir[0]
@@ -238,7 +238,7 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate on the sample and on `marked` (with signals); `fine`: unit for `_refuse_sky`, or None."""
+    """Fit and run a candidate on `sample`, and on `marked` with signals; `fine`: unit for `_refuse_sky`, or None."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -281,13 +281,13 @@ def _targets(state: State) -> Mask:
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without pixels near land: these also contain land, which looks like glint and cannot be removed."""
+    """The sample without pixels near land: they are mixed with land, which looks like glint and cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """Sample mask (row, column) of each tile without targets that candidates found: erasing these is not rewarded."""
+    """Sample mask (row, column) of each tile, False near targets found by candidates: erasing them is not rewarded."""
     inside = list(sample.inside)
     for run in runs:
         for n, mask in enumerate(run.targets):
@@ -296,7 +296,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks of the pixels with the least glint (`least_glint`): glint is what `wiener` removes; empty if it failed."""
+    """Masks of the pixels with the least glint (`least_glint`): glint is what `wiener` removes; [] if it has no run."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -305,7 +305,7 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Raise FitError if a removal takes mirrored sky: the removed light varies little, and evenly about its median.
+    """Raise FitError if a removal removes mirrored sky: that light varies little, and symmetrically about its median.
 
     unit : (band,) brightness of the water; infinite for bands that are not judged
     """
@@ -320,7 +320,7 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
 
 
 def _levels(sample: Sample, bands: int) -> Float32:
-    """Brightness of the water without glint in each band, (band,) [unit of the band]; positive."""
+    """Brightness of the water without glint in each of `bands` bands, (band,) [unit of the band]; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])

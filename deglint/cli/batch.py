@@ -117,7 +117,10 @@ def summary(found: list[Any]) -> list[str]:
 
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
-    """Text: size of the pixels of all scenes, from headers. `paths`: files per scene; `options`: for `open_scene`."""
+    """Text for a dry run: size in bytes of the pixels of all scenes before compression, from the headers of the files.
+
+    `paths` has the names of the files of each scene; `options` are keywords of `open_scene`.
+    """
     from ..errors import DeglintError
     from ..raster.environment import environment
     from ..readers import open_scene

@@ -42,7 +42,7 @@ PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.mode
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
-    """Option that takes a number; `place`: its table and key in a mission file, `said`: its help."""
+    """Option that takes a number; `place`: the number's table and key in a mission file, `said`: the help text."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=float, metavar=unit, help=said)
 

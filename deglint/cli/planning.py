@@ -47,7 +47,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time of a mission: for a sweep, that of the highest sun; for a page without a time, the next daylight.
+    """Set the time of a mission: for a sweep, when the sun is highest; for a page without a time, the next daylight.
 
     Return the tables of the mission. They are unchanged in all other cases, or if latitude or longitude is missing.
     """
@@ -96,7 +96,7 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
-    """Plan for an uncertain wind: viewing geometries that are good under every wind of an interval."""
+    """Plan for an uncertain wind: viewing geometries that are not excluded under any wind of an interval."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 

@@ -2,9 +2,9 @@
 noise.
 
 A chain is a sequence of stages (`STAGES`, one module each) before and after the removal; `fit_chain` fits a chain to a
-sample, `apply_chain` applies it to a block with a halo. Arrays only.
+sample, `apply_chain` applies a fitted chain to a block with a halo.
 
-This package does not deal with files, tiles, threads, water masks or logging.
+This package works on arrays. It does not deal with files, tiles, threads, water masks or logging.
 """
 
 from .background import Background

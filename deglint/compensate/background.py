@@ -1,10 +1,10 @@
 """Background: a band without glint, estimated from the darkest pixels within a window (morphological opening).
 
-Glint is brighter and smaller than the objects to keep, so an opening removes it: the minimum over a window, then the
-maximum of these minima. An opening by a square also removes corners and round edges of objects. Openings by an octagon
-and a diamond keep them, but also keep more glint. What they add to the opening by a square is the outline detail. It is
-used only where two bands have more of it than sparkle has in the NIR bands, which show no objects under water; and in
-each band at most up to `MOST` times the larger detail of its two neighbours in time.
+An opening is the minimum over a window, then the maximum of these minima. It removes glint, which is brighter and
+smaller than the objects to keep. An opening by a square also removes corners and round edges of objects. Openings by an
+octagon and a diamond keep such edges, but also more glint. Their excess over the opening by a square is the outline
+detail. Outline detail is used only where it is larger in two bands than the detail of sparkle in the NIR bands, which
+show no objects under water. In each band it is at most `MOST` times the larger detail of the two neighbours in time.
 
 Fails where clumps of glint are wider than the window (their darkest pixel is glint). Objects and textures of the bottom
 that are narrower than the window are removed.
@@ -55,7 +55,7 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     Parameters
     ----------
     band : (row, column) float32 ndarray
-        Finite.
+        Values of the band in any unit, finite.
     size : int
         Width of the window, odd [pixel].
     cut : int
@@ -93,11 +93,11 @@ def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
-    """Outline detail: what openings of `sharp` by an octagon and a diamond add to `level`, the opening by a square.
+    """Outline detail of bands `sharp`: openings by an octagon and a diamond, minus `level`, the opening by a square.
 
     All arrays are (band, row, column); the detail is not negative. The octagon is 2 pixels narrower than the square of
-    side `size`, so that it fits into blurred discs. The diamond is 4 pixels wider, so that its area is similar: 145
-    pixels beside a square of 169.
+    side `size` [pixel], so that it fits into blurred discs. The diamond is 4 pixels wider than the square, so that the
+    areas are similar: for a `size` of 13, 145 pixels (diamond) and 169 (square).
     """
     octagon, diamond = size - 2, size + 4
     out = np.empty_like(sharp)
@@ -108,8 +108,8 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """Outline detail (band, row, column) [unit of glint], limited in each band to `MOST` times the larger detail of the
-    band before and the band after it. `order`: bands in order of time. A single band has no detail.
+    """Outline detail, limited in each band to `MOST` times the larger detail of the bands before and after it in time.
+    `details`, result: (band, row, column), any unit of glint; `order`: 0-based bands by time. A single band gets 0.
     """
     out = np.empty_like(details)
     for place, b in enumerate(order):
@@ -119,7 +119,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of the excess over an opening, (pixel,), and standard deviation about it of the values below it."""
+    """Mode m of `excess` (pixel,), a band minus its opening; and standard deviation about m of the values below m."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -167,7 +167,7 @@ class Background:
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
         """Bands to open, and their openings by a square, (band, row, column) each. The bands are deconvolved if a stage
-        `psf` came before; if the image has ringing, they are the image with pits filled.
+        `psf` came before. If the image has ringing, the bands are those of the image, with pits (see `ringing`) filled.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -176,12 +176,12 @@ class Background:
         return source, np.stack([opening(b, self.size) for b in source])
 
     def details(self, source: Float32, level: Float32) -> Float32:
-        """Outline detail of `source`, with openings `level`, limited by `shared`, (band, row, column) [`colour`]."""
+        """Outline detail of `source`, limited by `shared` [`colour`]; `level`: square openings; (band, row, column)."""
         unit = np.array(self.colour, np.float32)[:, None, None]
         return shared(outlines(source, level, self.size) / unit, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without offsets: openings plus outline detail, blurred like the image."""
+        """Background (band, row, column) without `offsets`: openings plus outline detail, blurred if deconvolved."""
         import cv2
 
         source, level = self.opened(state)
@@ -199,8 +199,8 @@ class Background:
     def apply(self, state: State) -> State:
         """Determine the background, and mark the pixels that exceed it.
 
-        Pixels in which only noise exceeds the background are marked, too. A limit of one standard deviation of noise
-        would change errors by less than 2 %, but by 19 % in dense glint, as faint glint would be missed.
+        Pixels in which only noise exceeds the background are marked, too. A limit higher by one standard deviation of
+        noise changes errors by less than 2 %, but by 19 % in dense glint, where it misses faint glint.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]

@@ -29,7 +29,7 @@ class FittedChain:
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
-    """Fit a chain to a sample. `text` is a chain as `parse` reads it; "remove" is a chain without stages.
+    """Fit a chain to a sample; `text` is the chain (see `parse`; "remove": no stages), `fit_removal` fits its removal.
 
     Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
     """
@@ -49,7 +49,7 @@ def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
 
 
 def removed(state: State, model: GlintModel) -> State:
-    """The state after the removal, with the subtracted glint in `removed`."""
+    """The state after the removal by `model`, with the subtracted glint in `State.removed`."""
     if not model.fits:
         return replace(state, removed=np.zeros_like(state.image))
     if not model.halo:

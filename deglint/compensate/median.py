@@ -17,7 +17,7 @@ VALUES_AT_ONCE = 1 << 22  # values processed at a time: 16 MB
 
 @dataclass(frozen=True)
 class Median:
-    """The stage `median`: adaptive median of glint pixels."""
+    """The stage `median`: replace glint pixels by the adaptive median."""
 
     name: ClassVar[str] = "median"
     largest: int = LARGEST_MEDIAN  # side of the largest window, odd [pixel]
@@ -45,16 +45,16 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
     ----------
     band : (row, column) float32 ndarray
     glint, clean : (row, column) bool ndarray
-        Pixels to replace, and glint-free pixels that may be used.
+        True for pixels to replace, and for glint-free pixels from which the median may be computed.
     largest : int
-        Side of the largest window, odd [pixel]. The window grows from 3 by 2 until it contains `CLEAN` glint-free
-        pixels.
+        Side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until the
+        window contains `CLEAN` glint-free pixels.
 
     Returns
     -------
     (ndarray, ndarray)
-        The band after replacement, and the mask of replaced pixels. For an even number of values, the median is the
-        lower of the two middle values.
+        The band after replacement, and the mask of replaced pixels, (row, column) each. For an even number of values,
+        the median is the lower of the two middle values.
 
     References
     ----------

@@ -21,7 +21,7 @@ class Normalise:
     robust: tuple[bool, ...]  # whether the level is the mode instead of the median, because there is much glint
 
     def apply(self, state: State) -> State:
-        """Divide each band, and its background, by its level."""
+        """Divide each band, and the background of the band, by the level of the band."""
         unit = np.array(self.levels, np.float32)
         before = 1 if state.unit is None else state.unit
         background = None if state.background is None else state.background / unit[:, None, None]
@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of `values` (pixel,) and False; or their mode and True, if more than the share `most_cover` are glint."""
+    """Median of `values` (pixel,) and False; or mode and True, if the share of glint pixels is above `most_cover`."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))
@@ -45,8 +45,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
     """Determine the level of water in each band.
 
     `number`: if more than this percentage of the pixels are glint, the mode is used instead of the median. By default
-    the median is always used. With glint, the median is too high and the normalised band too low, which partly
-    compensates for its glint if the band replaces another. Raises FitError: a band has no positive level.
+    the median is always used. With glint, the median is too high, so that the normalised band is too low. This partly
+    compensates for glint in a band that replaces another. Raises FitError: a band has no positive level.
 
     References
     ----------

@@ -6,16 +6,17 @@ r"""Posterior mean of the water, given the glint that the removal left.
 
 .. math:: E[(E[w + n \mid x] - w)^2] = (1 - q)^2 (s^2 + v) + q^2 (\tau^2 + var(\mu))
 
-x is a band after removal, n its noise, and r the error of the removal: glint that is left, or removed in excess. The
-variance v grows with the removed glint g. It is measured on the scene: pixels are grouped by g, and v is the variance
-about a median of 5 x 5 pixels in a group, minus the same variance in the group with the least glint. Variation where no
-glint was removed (noise of any correlation, and texture) is thus not counted as glint, and a pixel from which nothing
-was removed keeps its value to the bit. The mean :math:`\mu` and the variance :math:`\tau^2` of the water are estimated
-from a window about twice as wide as a clump of glint, with pixels weighted by precision (for constant v this is the
-filter of Lee 1980). At an edge or an object, :math:`\tau^2` is large, and the pixel is hardly changed.
+x is a band after removal, w the water, n noise of variance :math:`s^2`, and r the error of the removal: glint that is
+left, or removed in excess. The variance v of r grows with the removed glint g and is measured on the scene. Pixels are
+grouped by g. In each group, v is the variance about a median of 5 x 5 pixels, minus the same variance in the group with
+the least glint. Variation where no glint was removed (noise of any correlation, and texture) is thus not counted as
+glint, and a pixel from which nothing was removed keeps its value to the bit. The mean :math:`\mu` and the variance
+:math:`\tau^2` of the water are estimated from a window about twice as wide as a clump of glint, with the weights
+:math:`1 / (v + s^2)` (for constant v this is the filter of Lee 1980). At edges and objects, :math:`\tau^2` is large,
+and the pixel is hardly changed.
 
-Fails where strong glint covers all of a window: its mean then has the error of the removal. Objects narrower than a
-clump under strong glint are lost; their standard error is then large. Costs three box filters per band.
+Fails where strong glint covers all of a window: the mean of the water then has the error of the removal. Objects
+narrower than a clump under strong glint are lost, but get a large standard error. Costs three box filters per band.
 
 References
 ----------
@@ -66,7 +67,7 @@ class LeftOver:
     ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
 
     def of(self, glint: Float32) -> Float32:
-        """Variance of the glint that is left in each pixel; `glint` is the removed glint. Both are (row, column)."""
+        """Variance of the glint left in each pixel [unit of the band squared], from removed `glint`; (row, column)."""
         if not any(self.variance):
             return np.zeros_like(glint)
         part = glint * np.float32(1 / self.glint[-1])
@@ -78,7 +79,7 @@ class LeftOver:
 
 
 def left_over(band: int, sample: Sample) -> LeftOver:
-    """Measure on a sample how the error of the removal in a band grows with the removed glint."""
+    """Measure on a sample how the error of the removal in a 0-based band grows with the removed glint."""
     import cv2
 
     images = [s.image[band] for s in sample.states]
@@ -107,10 +108,9 @@ def _taken(state: State) -> Float32:
 
 @dataclass(frozen=True)
 class Posterior:
-    """The stage `posterior`.
+    """The stage `posterior`: replace the image by the posterior mean, and estimate the variance of the error.
 
-    The image is changed if it is `resolved`. Otherwise variation under glint may be texture of the water, and only
-    `State.variance` is set.
+    If `resolved` is False, variation under glint may be texture of the water: only `State.variance` is set then.
     """
 
     name: ClassVar[str] = "posterior"
@@ -130,7 +130,7 @@ class Posterior:
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """Replace the image by the posterior mean if `resolved`, and set the variance of its error."""
+        """Replace the image by the posterior mean if `resolved`, and set `State.variance`."""
         taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
@@ -168,7 +168,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
     mean : (row, column) float32 ndarray
         Equal to `x`, to the bit, where `v` is 0.
     variance : (row, column) float32 ndarray
-        Variance of the error, noise included.
+        Variance of the error, noise included [unit of `x` squared].
     """
     import cv2
 
@@ -190,7 +190,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Fit the stage: measure in a sample after removal the glint that is left.
+    """Fit the stage: measure the glint that is left in a sample after the removal.
 
     `number` is the width of a clump of glint [pixel]; by default it is measured in the first NIR band.
     """

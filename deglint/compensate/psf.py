@@ -45,7 +45,7 @@ class PSF:
         return len(self.kernel) // 2
 
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
-        """Pairs of vectors (down, across), whose outer products add up to the best approximation of the kernel.
+        """Pairs of vectors (down, across), (side,) each; the sum of their outer products approximates the kernel best.
 
         There are `rank` pairs, or fewer for a small kernel. The approximation is scaled to a sum of 1.
         """
@@ -106,16 +106,16 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
 def typical_psf(wavelength: float) -> PSF:
     """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
 
-    It is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide for optics that
-    are sharper by a third or more. On seven seas simulated with f/10 and f/30, the error after sharpening with it is
-    13 % larger than with the true PSF; without sharpening the error is 39 % larger.
+    The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide
+    for optics that are sharper by a third or more. On seven seas simulated with f/10 and f/30, the error after
+    sharpening with the typical PSF is 13 % larger than with the true PSF; without sharpening it is 39 % larger.
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])
 
 
 @lru_cache(maxsize=64)
 def _sampled(wavelength: float, f_number: float, pitch: float, smear: float) -> PSF:
-    """The PSF that `system_psf` returns; kept for the next bands with the same optics."""
+    """The PSF that `system_psf` returns, from the same arguments; results are cached."""
     band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
     sensor = Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear)
     blur = 1 / cutoff(sensor, wavelength)  # Q: 1 where diffraction ends at the sampling frequency

@@ -28,7 +28,7 @@ class ReplaceBands:
     """The stage `replace-bands`: replace glint by the value of the spectrally nearest band without glint.
 
     Values are relative to deep water (stage `normalise`). The contrast with deep water is assumed to be equal in both
-    bands. The texture of the image is kept. Glint below the threshold is copied, too, and coloured objects change.
+    bands. The texture of the image is kept. Glint below the threshold is copied, too, and objects change their colours.
     """
 
     name: ClassVar[str] = "replace-bands"
@@ -44,14 +44,14 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """The state with `values` in the pixels `where` (band, row, column), marked as replaced, and with `changes`."""
+    """State with `values` in pixels `where`, (band, row, column) both, marked as replaced; `changes`: fields to set."""
     replaced = where if state.replaced is None else state.replaced | where
     return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
-    """The image with glint replaced from the nearest band without glint, as in `ReplaceBands.order`; and the mask of
-    replaced values. All arrays are (band, row, column). A pixel with glint in every band keeps its values.
+    """The image with glint replaced from the nearest band without glint in the pixel, and the mask of replaced values.
+    Arrays are (band, row, column); `order`: see `ReplaceBands`. A pixel with glint in every band keeps its values.
     """
     values, todo = image.copy(), glint.copy()
     for band, others in enumerate(order):
@@ -63,7 +63,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Order the bands by distance in wavelength; by position in the file where wavelengths are not known."""
+    """For each band, order the others by distance in wavelength; by distance in the file if these are not known."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     count = range(len(place))

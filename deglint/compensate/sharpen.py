@@ -16,7 +16,7 @@ FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algo
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """A band (row, column) convolved with a PSF: `rank` separable kernels are added; with 1, errors are 5 % larger."""
+    """A band (row, column) convolved with a PSF: a sum of `rank` separable kernels; with 1, errors are 5 % larger."""
     import cv2
 
     parts = [
@@ -37,9 +37,9 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
     Parameters
     ----------
     band : (row, column) float32 ndarray
-        y, finite.
+        The blurred band y, finite.
     psf : PSF
-        h, symmetric.
+        The kernel h, symmetric; * is the convolution.
     iterations : int
     floor : float
         Lower limit of y and of its prediction ``h * u``, positive.
@@ -47,7 +47,7 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
     Returns
     -------
     (row, column) float32 ndarray
-        u after the last iteration.
+        The deconvolved band u after the last iteration [unit of the band].
 
     Notes
     -----

@@ -1,7 +1,7 @@
-"""Models (normal distributions) of the spectra of targets on the sea, and of flashes of sparkle that last.
+"""Models (normal distributions) of the spectra of targets on the sea, and of sparkle that stays bright in all bands.
 
-Targets are painted (their spectra have edges), or grey and under 0 to 5 m of water. Measured spectra are not needed:
-eight bands do not resolve their details.
+A target is painted (its spectrum has steep edges), or grey and under 0 to 5 m of water. Measured spectra of targets are
+not needed: an image with eight bands does not resolve the details of such spectra.
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,8 +51,8 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
     values : (spectrum, band) ndarray
         Reflectance divided by the reflectance of the brightest band.
     factors : (spectrum, 5, band) ndarray
-        Change of the spectrum by one standard deviation of brightness, slope, curvature and the wavelengths of two
-        edges.
+        Change of `values` by one standard deviation of brightness, slope, curvature and the wavelengths of two edges
+        (five factors, in this order).
     weight : (spectrum,) ndarray
         Prior probability of each spectrum: half of the targets are grey, half are painted.
     """
@@ -85,12 +85,12 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], change: float) -> list[Flash]:
     """Models of a flash that lasts through all bands, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
-    Its brightness changes evenly with time. Arguments have a number for each band.
+    The brightness changes with time by a linear and a quadratic part. All arguments but `change` have one value a band.
 
     glint : spectrum of glint divided by the light on a target
     time : time offset [s]
     s : standard deviation of noise divided by the light on a target
-    change : standard deviation of the change, `CHANGE`; with `NO_CHANGE` the models are those of a white target
+    change : standard deviation of either part relative to the brightness: `CHANGE`; for a white target `NO_CHANGE`
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
     factors = spectrum * np.stack([np.ones_like(u), change * u, change * (u * u - (u * u).mean())])
@@ -108,7 +108,7 @@ def models(
 ) -> list[Model]:
     """Models of targets, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
-    Arguments have a number for each band: centre and full width [nm], radiance of water over light, noise over light.
+    Arguments (band,): centre, full width [nm]; radiance of water, standard deviation of noise [both `Targets.light`].
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
@@ -124,7 +124,7 @@ def models(
 
 
 def brightness(e: Float32) -> Places:
-    """Exponent, 0 to 16, of the power of 2 nearest to the largest excess, (pixel,); `e`: excess (band, pixel)."""
+    """Exponent, 0 to 16, of the power of 2 nearest to the largest absolute excess e (band, pixel) of each pixel."""
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 
@@ -152,7 +152,7 @@ def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
 
 
 def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
-    """Yield for each brightness: its exponent, indices of its pixels, products of pairs of bands (pair, pixel)."""
+    """Yield for each brightness 2**n: n, indices of its pixels, and e_i e_j / 4**n for bands i <= j, (pair, pixel)."""
     level, (row, column) = brightness(e), np.triu_indices(len(e))
     for n in np.unique(level):
         i = np.flatnonzero(level == n)
@@ -161,7 +161,7 @@ def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast (band, pixel) of targets with the spectra `kind` (pixel,): regression on excess `e`, at least 0."""
+    """Contrast (band, pixel), at least 0, of targets with spectra `kind` (pixel,), from excess `e` (band, pixel)."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)
@@ -170,11 +170,12 @@ def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -
 
 
 def same_outline(patch: Float32) -> Float32:
-    """Log likelihood ratio of target and sparkle, (pixel,), from the excess in 3 x 3 pixels, (pixel, place, band).
+    """Log likelihood ratio of target and sparkle, (pixel,); `patch`: excess in 3 x 3 pixels (pixel, 9, band).
 
-    A target has the same outline in all bands. The residual is the share of the power that is not the product of one
-    outline and one spectrum. It is modelled as B - 1 normal variables: for a target with the variance of noise and
-    blur, for sparkle with `VARIED`. The worst band is excluded, because sparkle beside a target affects single bands.
+    A target has the same outline in all B bands: the patch is the product of one outline and one spectrum. The share of
+    the sum of squares that this product does not explain is modelled as the mean square of B - 1 normal variables. For
+    a target their variance is that of noise and blur, for sparkle `VARIED`. The band with the largest residual is
+    excluded at each of the 9 pixels, because sparkle beside a target affects single bands.
     """
     patch = patch.astype(np.float64)
     power = (patch**2).sum(axis=(1, 2))

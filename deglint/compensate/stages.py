@@ -89,7 +89,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Chain:
-    """A fitted chain."""
+    """A fitted chain: the stages around a removal."""
 
     before: tuple[Stage, ...] = ()  # stages before the removal
     after: tuple[Stage, ...] = ()  # stages after the removal
@@ -97,7 +97,7 @@ class Chain:
 
     @property
     def runs(self) -> bool:
-        """Whether there is any stage beside the removal."""
+        """Whether the chain has any stage, the removal not counted."""
         return bool(self.before or self.after)
 
     @property
@@ -118,7 +118,7 @@ class Chain:
 
 
 def parse(text: str) -> tuple[Step, ...]:
-    """Parse the text form of a chain.
+    """Parse the text form of a chain; a missing "remove" is added at its end.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def parse(text: str) -> tuple[Step, ...]:
 
 
 def _number(name: str, text: str) -> float:
-    """Parse and check the number of a stage."""
+    """The number of stage `name`, from its text; InputError if the stage does not take it."""
     kind = STAGES[name]
     if not kind.high:
         raise InputError(f"{name} takes no number, got {text!r}.")

@@ -62,7 +62,7 @@ def in_scene_units(state: State) -> State:
 
 
 def filled(block: Float32, water: Mask) -> Float32:
-    """The block with each pixel that is not water set to the values of the nearest water pixel; 0 if there is none."""
+    """The block with each pixel that is not water set to the values of the nearest water pixel; all 0 without water."""
     import cv2
 
     if water.all():
@@ -121,7 +121,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Blocks of a scene with a halo, and masks (row, column) of the pixels that are used for fitting."""
+    """Blocks of a scene with a halo, and for each a mask (row, column), True where a pixel is used for fitting."""
 
     states: tuple[State, ...]
     inside: tuple[Mask, ...]
@@ -144,7 +144,7 @@ ROUNDED = 0.999  # share of the saturation value from which pixels count as satu
 def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): `ROUNDED` times the saturation value, or infinity.
 
-    The saturation value is the declared one, or the highest value if that is lower and many pixels have it (`NEARLY`).
+    The saturation value is the declared one, or the highest value of the sample if lower and in many pixels (`NEARLY`).
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

@@ -1,15 +1,15 @@
 """Small bright targets (boats, swimmers, buoys), distinguished from sparkle by a likelihood ratio.
 
-The excess e of a pixel over the background, in bands 1 to B in the order of time, is compared with two models:
+S is the log likelihood ratio of target and sparkle for the excess e over the background, in bands 1 to B by time:
 
 .. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
 
-A target has one of the spectra F (smooth, or with one or two edges, in the light of sun and sky) in all bands; V is
-noise and the non-smooth part of the spectrum, h the water that the target hides. Sparkle changes from band to band,
-with probabilities p from histograms of the scene itself; where flashes last, p includes flashes whose brightness
-changes evenly with time. A pixel belongs to a target if S summed over 3 x 3 pixels plus the log likelihood ratio of a
-common outline in all bands exceeds a threshold. The threshold follows from a false-alarm rate, and is higher where
-sparkle lasts through all bands.
+A target of brightness A has one of the spectra F_k (smooth, or with one or two edges, in the light of sun and sky) with
+probability w_k; V is the variance of noise and of the non-smooth part of the spectrum, h the radiance of water that the
+target hides. Sparkle changes from band to band, with probabilities p from histograms of the scene. If flashes last
+through all bands, p includes flashes whose brightness changes slowly. A pixel belongs to a target if the sum of S over
+3 x 3 pixels, plus the log likelihood ratio of a common outline in all bands, exceeds a threshold. The threshold follows
+from a false-alarm rate, and is higher where sparkle lasts.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than half their size from the first to the last band, for most coloured targets of 1 pixel where
@@ -100,7 +100,7 @@ class Targets:
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Find targets and their contrast; if no stage before gave a background, also subtract it from the image."""
+        """Find targets and their contrast; without a background, also subtract this contrast from the image."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -117,7 +117,7 @@ class Targets:
         return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
     def flashes(self, change: float = spectra.CHANGE) -> list[Flash]:
-        """Models of flashes that last, for each brightness; or of white targets, see `spectra.flashes`."""
+        """Models of flashes that last through all bands, for each brightness; `change`: see `spectra.flashes`."""
         return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
 
     @cached_property
@@ -142,7 +142,7 @@ class Targets:
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
     def score(self, e: Float32) -> tuple[Float32, Places]:
-        """S and index of the most likely spectrum, each (pixel,), of excesses `e` (band, pixel)."""
+        """S (see the module), index of the likeliest spectrum, (pixel,) each; `e`: excess (band, pixel) [`light`]."""
         target, kind = spectra.target_likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
@@ -153,7 +153,7 @@ class Targets:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """A block and its background, and tests of the excess of the block over it; bands in order of time."""
+    """A block and its background, and tests of their difference, the excess; bands in order of time."""
 
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
@@ -162,7 +162,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Make it from a block (band, row, column) and its background; without a background, from the local mean."""
+        """Make an `Excess` from a block and its background, (band, row, column) each; if None, from the local mean."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -171,7 +171,7 @@ class Excess:
         return cls(stage, planes, [background[b] for b in stage.bands])
 
     def at(self, places: Places) -> Float32:
-        """Excess over `light` at the flat indices `places` of pixels, (band, pixel)."""
+        """Excess divided by `light`, (band, pixel), at the flat indices `places` of pixels."""
         lit = zip(self.raw, self.below, self.stage.light, strict=True)
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
@@ -191,7 +191,7 @@ class Excess:
 
     def saturated(self) -> Mask:
         """Mask (row, column) of pixels saturated in a band, and of their neighbours (3 x 3). They are not tested for
-        targets, as clipped sparkle has the spectrum of white paint. Empty if the bands span more than `LASTS`.
+        targets, as clipped sparkle has the spectrum of white paint. All False if the bands span more than `LASTS`.
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
@@ -210,7 +210,7 @@ class Excess:
         S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
 
         def weigh(where: Mask) -> Float32:
-            """Compute S where it is not known yet; return its sum over 3 x 3 pixels."""
+            """Compute S in the pixels `where` that do not have it yet; return the sum of S over 3 x 3 pixels."""
             i = np.flatnonzero(where & ~known)
             known.flat[i], e = True, self.at(i)
             bright = e > least
@@ -230,16 +230,16 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio (pixel,) of target and sparkle, from the outline: see `spectra.same_outline`."""
+        """Log likelihood ratio (pixel,) of target and sparkle, from the outline in 3 x 3 pixels: `same_outline`."""
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
         return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Flat indices of pixels, and the contrast to restore there, (band, pixel).
+        """Flat indices of pixels, and the contrast to restore there, (band, pixel); arguments: results of `scores`.
 
-        Beside a target (`OUTLINE_REACH`) it is the contrast of the target times a factor, 0 to 1. The factor is the
-        second lowest of all bands' ratios of excess to contrast.
+        Beside a target (`OUTLINE_REACH`) the result is the contrast of the target times a factor, 0 to 1. The factor is
+        the second lowest ratio, of all bands, of the excess beside the target to the contrast of the target.
         """
         import cv2
 
@@ -266,7 +266,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     """Fit the stage to a scene: histograms of sparkle and the detection threshold.
 
     Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. `sample`:
-    after the preceding stages; without a background, the local mean is used. `number`: false-alarm rate, or `RATE`.
+    after the stages before; without a background, the local mean is used. `number`: false-alarm rate, None for `RATE`.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not np.isfinite(t).all() or np.ptp(t) < LEAST_DELAY:
@@ -331,7 +331,7 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 
 
 def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
-    """The stage with `flash_share`, if flashes that last are frequent; `sample`: excess (band, pixel) of each block."""
+    """The stage, with `flash_share` set if flashes that last are frequent; `sample`: excess (band, pixel) by block."""
     e = np.concatenate(sample, axis=1)
     lit = e[:, (e > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
     target = spectra.target_likelihoods(lit, stage.models)[0]
@@ -371,14 +371,14 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels that are `steady` in all bands. Faint: lit in the first band, at most the median there."""
+    """Share of faint pixels (lit in the first band, up to the median of lit ones) that are `steady` in all bands."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Mask (step, pixel): True if up to this step each band is lit and within one histogram bin of the band before."""
+    """Mask (step, pixel): True if up to this step each band is lit, with a bin `q` within 1 of the band before."""
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 

@@ -3,10 +3,10 @@ r"""Standard errors of a compensated image, from the scene itself.
 .. math:: \sigma^2 = \sigma_w^2 + (\sigma_b g / b)^2 + (b \sigma_0)^2
 
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
-standard error of the glint-free NIR. The variance of the water, :math:`\sigma_w^2`, comes from the stage `posterior` if
-the chain has it. Where glint was replaced by a background, it is the variance of the background's error. A trial
-measures this error: the glint of the scene is displaced by half a tile and added to the compensated image, and the
-chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
+standard error of the glint-free NIR. The error variance of the water, :math:`\sigma_w^2`, comes from the stage
+`posterior` if the chain has it. Where glint was replaced by a background, :math:`\sigma_w^2` is the error variance of
+the background, measured by a trial: the glint of the scene is displaced by half a tile and added to the compensated
+image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects narrower than the window of an opening are erased without an increase of the
@@ -56,7 +56,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
     before, after : Sample
         The sample as read, and after all stages.
     run : callable
-        Applies all stages to a state as read.
+        Applies all stages to a state as read, and returns the new state.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
 
 
 def _trial(done: State) -> State:
-    """New state for a trial: the compensated image plus the glint that was removed half a block away."""
+    """State for a trial from a state `done` after all stages: its image plus the glint removed half a block away."""
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
@@ -111,7 +111,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     ----------
     state : State
         The block after all stages, with the `variance` that a stage may have set and the light that was `removed`.
-        Pixels that are `replaced` get an error of `errors`.
+        Pixels that are `replaced` get their error from `errors`.
     model : GlintModel
         Model of the removal.
     errors : sequence of ReplacedError
@@ -135,11 +135,11 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
 
 def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
-    """Measure the glint left in a sample after a removal alone; returns a stage that only sets `State.variance`.
+    """Measure the glint left in a sample after a removal without stages; returns a stage that only sets the variance.
 
-    The true slope is 1 to 1 / rho times the slope of least squares; rho is the correlation of the band with the glint.
-    The factor is 1 if the variance that glint does not explain is signal of water, 1 / rho if it is glint that moved
-    between bands. All factors between are equally likely: the slope's relative standard error is (1/rho - 1) / sqrt(3).
+    The true slope is 1 to 1/rho times the slope of least squares; rho is the correlation of the band with the glint. If
+    the variance that glint does not explain is signal of water, this factor is 1; if it is glint that moved between
+    bands, 1/rho. All factors between are equally likely: the slope's relative standard error is (1/rho - 1) / sqrt(3).
     """
     found = posterior.fit(after, setting)
     share = {f.band: (max(f.r2, LEAST_R2) ** -0.5 - 1) / 3**0.5 for f in model.fits if f.r2 is not None}

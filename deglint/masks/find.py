@@ -116,7 +116,7 @@ def fit_water(
 
 
 def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule for blue or `brown` water; None without water. `light`: red / green and NIR / green of white."""
+    """The rule for blue or `brown` water; None without water. `light`: `_View.white`; `pixel`: side [m], or None."""
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     most = 0.0
     for window in [w for w in WINDOWS if w <= widest]:
@@ -178,9 +178,10 @@ class _View:
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
 
-        Water has less NIR than visible, in units of white (`light`: its red and NIR over green). A pixel with red above
-        green may be soil, a town (if `light` is wrong) or brown water: it votes 0 unless `brown`. Means over squares of
-        side `window` are compared, because bands that are not simultaneous show sparkle at different places.
+        NIR / visible is lower for water than for white (`light`: red / green and NIR / green of white). A pixel with
+        red / green above that of white may be soil, a town (if `light` is wrong) or brown water: the vote is 0 unless
+        `brown`. Means over squares of side `window` are compared, because bands that are not simultaneous show sparkle
+        at different places.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -224,11 +225,11 @@ class _View:
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
     def clumps(self, solid: Sequence[Mask], level: float, side: int = CLUMP, *, red: bool = False) -> float:
-        """NIR of the brightest clump of glint (see `CLUMP`) minus `level`; infinite where there is too little sea.
+        """NIR of the brightest clump of glint (`CLUMP`) minus `level`, the NIR of water; infinite if the sea is small.
 
         solid : mask (row, column) of each block, True where it is not water
         side : width of a clump [pixel]
-        red : only pixels with more NIR than visible count; glint has them only where bands are not simultaneous
+        red : only pixels with more NIR than visible count; glint has such pixels only if bands are not simultaneous
         """
         tops = []
         for block, valid, other in zip(self.blocks, self.valid, solid, strict=True):
@@ -240,10 +241,10 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
-        """Masks (row, column) of each block: isolated bright pixels on the sea, and the sea far from land.
+        """Two lists, with a mask (row, column) of each block: isolated bright pixels on the sea; the sea far from land.
 
-        Bright pixels are those that `brighter` marks with squares of side `window`; with votes, without those that vote
-        against water. Land is what `brighter` marks with squares of side `widest`.
+        Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
+        water (if `votes` are given). Land is what `brighter` marks with squares of side `widest`.
         """
         near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
         sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
@@ -253,14 +254,14 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether masks from `isolated` may show boats: there is land, and not every square of the sea has some."""
+        """Whether `bright` pixels may be boats: there is land, and not nearly every square of sea has bright pixels."""
         if sum(int(s.sum()) for s in sea) == self.pixels:
             return False
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether most pixels outside `solid` vote for water, and enough of these votes fill squares of 5 x 5 pixels.
+        """Whether most pixels not in `solid` (land) vote for water, and enough of them fill squares of 5 x 5 pixels.
 
         compact : least share of the pixels outside `solid` in such squares. If it is not 0, there must also be a solid
             pixel that votes against water
@@ -276,14 +277,14 @@ class _View:
 
 
 def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the squares of `SQUARE` x `SQUARE` pixels that lie in a mask (row, column)."""
+    """Rows and columns of the whole squares of `SQUARE` x `SQUARE` pixels into which the array `mask` is cut."""
     for row in range(0, mask.shape[0] - SQUARE + 1, SQUARE):
         for column in range(0, mask.shape[1] - SQUARE + 1, SQUARE):
             yield slice(row, row + SQUARE), slice(column, column + SQUARE)
 
 
 def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
-    """Sum of the valid values in a square around each pixel, (row, column)."""
+    """Sum of the valid values (row, column) in the square of side `side` [pixel] around each pixel, (row, column)."""
     values = np.where(valid, values, 0)
     if side == 1:
         return values
@@ -306,8 +307,8 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> WaterRule | None:
     """The rule for squares of side `window` [pixel]; None if there is no water.
 
-    Its threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If there
-    is nothing but water, the threshold is the upper end of the NIR of water, or of glint with `sparkle`.
+    The NIR threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If
+    there is only water, the threshold is the upper end of the NIR of water, or, if `sparkle`, of glint.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -343,8 +344,8 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
     """Threshold of the NIR between water and the end of the gap beside it.
 
     `nir`: sorted values (pixel,). `level`: NIR of typical water, where the histogram starts. `high`: end of the gap.
-    The water is the peak of the histogram, which ends at its foot. The threshold lies at `INTO_GAP` of the way from the
-    foot to `high`. At the foot, the logarithm of the density lies farthest below the straight line from the peak to
+    The peak of the histogram is water, and ends at a foot. The threshold lies at `INTO_GAP` of the way from the foot
+    to `high`. At the foot, the logarithm of the density lies farthest below the straight line from the peak to
     `high`: the triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753,
     doi:10.1177/25.7.70454.
     """
@@ -358,10 +359,10 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _at_valley(nir: FloatArray, last: int) -> int:
-    """Place of the valley above place `last` in sorted values (pixel,); `last` if the histogram has none.
+    """Index of the valley of the histogram above index `last` in sorted NIR (pixel,); `last` if there is no valley.
 
-    Between water and land there is a valley, but the votes may end below it, where bands are not calibrated or an
-    offset was subtracted from each. Both sides of a valley are at least twice as high.
+    Between water and land there is a valley, but the votes for water may end below it, if bands are not calibrated or
+    an offset was subtracted from each band. Both sides of a valley are at least twice as high as its bottom.
     """
     density, edges = _log_density(nir, float(nir[0]), float(np.percentile(nir, 99)))
     start = min(int(np.searchsorted(edges[1:], nir[last])), len(density) - 1)
@@ -374,7 +375,7 @@ def _at_valley(nir: FloatArray, last: int) -> int:
 
 
 def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, Float64]:
-    """Logarithm of a smoothed histogram of sorted values (pixel,), (bin,), and the edges of its bins."""
+    """Logarithm of a smoothed histogram, (bin,), of sorted values (pixel,) from `low` to `high`; and its bin edges."""
     between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
     bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
     counts, edges = np.histogram(between, bins, (low, high))
@@ -383,7 +384,7 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """End of the gap in sorted values (pixel,): upper edge of the highest histogram bin with (nearly) fewest values."""
+    """End of the gap in sorted NIR (pixel,): upper edge of the last histogram bin with (nearly) the fewest values."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

@@ -154,8 +154,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     """Mask of the deep-water sample, (row, column). Cost: 90 ns per pixel, much less without water.
 
-    block : (band, row, column), in the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more
-        pixels on every side.
+    block : (band, row, column), in the unit of the fitted blocks; NaN: not valid. A tile needs a halo of `rule.halo`.
     """
     mask = water(block, rule.water)
     if not mask.any():
@@ -178,7 +177,7 @@ def _spread(values: FloatArray) -> tuple[float, float]:
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule with weights, centres and steps of the quantisation: the typical range of the water has 1024 grains."""
+    """Rule with weights, centres and steps of the quantisation: the typical range of water (`masks`) is 1024 grains."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -195,7 +194,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
-    """Local statistics (row, column) from sums over the water in squares; the sums are exact (integers below 2^53)."""
+    """Local statistics (row, column) from sums over the water (`mask`) in squares; exact, as integers below 2^53."""
     import cv2
 
     def box(values: Float64) -> Float64:
@@ -244,7 +243,7 @@ def _choose_distance(
 
 
 def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRule:
-    """The rule with limits, which accept the `share` with the strongest glint of the dark, even pixels in `local`."""
+    """The rule with limits that accept, of the dark, even pixels in `local`, the `share` with the strongest glint."""
     local = local.pick(slice(None, None, 1 + local.level.size // MANY))
     local = local.pick(_darker_kind(local.level))
     total = float(local.variance.sum())
@@ -267,13 +266,13 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Mask of squares whose `residual` is at most `MAX_RESIDUAL` times the usual value for their NIR variance."""
+    """Mask of pixels in `local` whose residual is at most `MAX_RESIDUAL` times the usual one for their NIR variance."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class: Otsu's threshold splits the values while there are clearly two classes."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it while there are clearly two classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])
@@ -285,7 +284,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Threshold with the largest variance between the two classes, and its ratio to the total variance, 0..1."""
+    """Threshold with the largest variance between the two classes; and that variance divided by the total, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0
@@ -302,7 +301,10 @@ def _otsu(values: Float64) -> tuple[float, float]:
 
 
 def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> Mask:
-    """Mask (row, column) of the sample: all limits, then an opening to make it compact; invalid pixels are ignored."""
+    """Mask (row, column) of the sample: water pixels that meet all limits of `rule`, made compact by an opening.
+
+    `mask`, (row, column): water. The limits apply to the statistics `local`; the opening ignores invalid pixels.
+    """
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)
     chosen &= local.level - rule.slope * local.nir <= rule.level

@@ -35,8 +35,8 @@ class WaterRule:
 
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
     and larger where glint is resolved into bright patches. Boats and narrow land are not water either: they are too
-    bright for glint of their size (NIR above `bright` all over a smaller square of side `core`), or do not have its
-    colour (NIR above `red` and above the first visible band all over a square of side `red_core`).
+    bright for glint of their size (NIR above `bright` all over a smaller square of side `core`), or do not have the
+    colour of glint (NIR above `red` and above the first visible band all over a square of side `red_core`).
     """
 
     roles: Roles
@@ -95,8 +95,7 @@ class WaterRule:
 def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
     """Mask of water, (row, column); False where a band that the rule uses is NaN. Cost: 2 to 5 ns per pixel.
 
-    block : (band, row, column), in the unit of the fitted blocks; NaN is not valid. A tile needs `rule.halo` more
-        pixels on every side.
+    block : (band, row, column), in the unit of the fitted blocks; NaN: not valid. A tile needs a halo of `rule.halo`.
 
     >>> scene = np.stack([np.full((8, 8), 0.05), np.full((8, 8), 0.01)])
     >>> scene[:, :, 5:] = [[[0.1]], [[0.3]]]
@@ -113,7 +112,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column) of pixels that are not water: in squares too bright for glint, or without its colour."""
+    """Mask (row, column), True where not water: in squares of pixels too bright for glint, or not of glint's colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)
@@ -151,5 +150,5 @@ def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:
 
 
 def thinned(values: FloatArray) -> FloatArray:
-    """Every k-th value, so that at most `ENOUGH_TO_RANK` remain."""
+    """Every k-th value, with k so large that at most `ENOUGH_TO_RANK` values remain."""
     return values[:: 1 + values.size // ENOUGH_TO_RANK]

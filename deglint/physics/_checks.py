@@ -16,10 +16,10 @@ VIEW_LIMIT = 89.0
 
 
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
-    """Return `value` as float64 if all of it lies in [low, high]; NaN is allowed.
+    """Return `value` as a float64 array if all its elements lie in [low, high]; NaN is allowed.
 
-    `unit` ("" for none) and `remedy`, a sentence, are part of the message of the error.
-    Raises InputError: a value is below `low` or above `high`, or cannot be converted to a number.
+    `name` of the parameter, `unit` ("" for none) and `remedy`, a sentence, are text for the error message.
+    Raises InputError: an element is below `low` or above `high`, or cannot be converted to a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -34,7 +34,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
-    """Check a value as `within` does, and that it is not NaN. Raises InputError: it is out of range, or NaN."""
+    """Check that `value` is in [low, high] and not NaN. Arguments are as in `within`. Raises InputError: it is not."""
     if np.isnan(within(name, value, low, high, unit, remedy)).any():
         raise InputError(f"{name} must be a finite number, got {value}; give one.")
 
@@ -42,13 +42,13 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str, reme
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
     """Declare a number field of a `Checked` dataclass with its range [low, high]; None is accepted, NaN is not.
 
-    `default` is MISSING for a required field; `more` is further metadata of the field.
+    `default` is MISSING for a required field; `unit` and `remedy` are as in `within`; `more` is further metadata.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
 
 def one_of(default: Any, allowed: Any, **more: Any) -> Any:
-    """Declare a field of a `Checked` dataclass whose value must be one of `allowed`."""
+    """Declare a `Checked` dataclass field whose value must be in `allowed`; `default` and `more` are as in `ranged`."""
     return field(default=default, metadata={"allowed": allowed, **more})
 
 
@@ -82,10 +82,7 @@ def view_angle(view_zenith: npt.ArrayLike) -> Array:
 
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
-    """Check latitude and longitude [degree], return them as float64.
-
-    Raises InputError: a latitude is outside -90 to 90, or a longitude outside -180 to 360.
-    """
+    """Check latitude (-90 to 90) and longitude (-180 to 360) [degree], return float64. Raises InputError: outside."""
     remedy = "North is positive. Are latitude and longitude swapped?"
     return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
         "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
@@ -98,6 +95,6 @@ def day_number(day: npt.ArrayLike) -> Array:
 
 
 def choice(name: str, value: Any, allowed: Any) -> None:
-    """Check that a value is in `allowed`. Raises InputError: it is not."""
+    """Check that `value` is in `allowed`. Raises InputError: it is not; the message names the parameter `name`."""
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

@@ -9,9 +9,9 @@ from ..jit import njit
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
     """Multiply a half spectrum by an MTF, and alias (fold) its rows onto the rows of the pixel grid.
 
-    spectrum (fine rows, fine columns // 2 + 1), out (rows, fine columns // 2 + 1): rows `first` to `last` - 1 of `out`
-    are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], MTF along this axis at each of them);
-    the MTF of diffraction is computed here, with its cutoff `limit` [cycles/pixel].
+    `spectrum` is (fine rows, fine columns // 2 + 1), `out` (rows, fine columns // 2 + 1); rows `first` to `last` - 1 of
+    `out` are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], complex MTF along this axis at
+    these frequencies). The MTF of diffraction is computed here; it is 0 from the frequency `limit` [cycles/pixel] on.
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

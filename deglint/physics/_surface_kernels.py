@@ -1,7 +1,7 @@
 """Compiled loops of `deglint.physics.surface`.
 
 Each works on a slab of rows (first row, last row + 1), so that threads can share the work. `steps` are the steps of
-wavenumber along rows and columns [rad/m].
+wavenumber from row to row and from column to column [rad/m].
 """
 
 import math
@@ -13,7 +13,7 @@ ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreadi
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Wavenumber of index `i` of `n` in FFT order, with the sign, in the unit of `step`; index n / 2 is positive."""
+    """Signed wavenumber, in the unit of `step`, at index `i` of an FFT of length `n`; it is positive at index n / 2."""
     return (i if i <= n // 2 else i - n) * step
 
 
@@ -21,10 +21,10 @@ def frequency(i: int, n: int, step: float) -> float:
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
     """Scale `noise`, (row, column) complex standard normal numbers, to wave amplitudes [m], in place.
 
-    sums[row] is filled with the variances of height [m2], east slope and north slope, and the covariance of the slopes.
-
-    `table` is (first log wavenumber, its step, log spectral density (n,), Elfouhaily's D (n,)). `how` is (code of the
-    spreading, exponent, norm, opposing share), `along` the unit vector (east, north) downwind.
+    `sums` (row, 4) gets what the waves of each row add to the variances of height [m2], east slope and north slope, and
+    to the covariance of both slopes. `table` is (first log wavenumber, step of log wavenumber, log omnidirectional
+    spectral density (n,), Elfouhaily's D (n,)), `along` the unit vector (east, north) downwind. `how` is (code of the
+    spreading, exponent s, value of `spectra.spreading_norm`, share of the energy that travels upwind).
     """
     rows, columns = noise.shape
     row_step, column_step = steps
@@ -64,10 +64,11 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Fill `out` with the spectrum at a time [s]: of the height, or of (east slope + i north slope) if `slopes`.
+    """Fill `out` with the spectrum of the height at a time [s], or of (east slope + i * north slope) if `slopes`.
 
-    Row r and its mirror image (rows - r) hold the same waves, so both are filled for each r of the slab, which lies
-    within 0..rows // 2. `physics` is (surface tension over density, acceleration of gravity), in SI units.
+    `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r hold the same waves, so both
+    are filled for each r of the slab, which lies within 0..rows // 2. `physics` is (surface tension divided by density
+    [m3/s2], acceleration of gravity [m/s2]).
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps

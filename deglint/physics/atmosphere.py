@@ -65,7 +65,7 @@ class Aerosol(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """Sunlight above the atmosphere, and absorption by gases: one value for each wavelength."""
+    """Solar irradiance above the atmosphere, and absorption coefficients of gases; one value for each wavelength."""
 
     irradiance: Array  # solar irradiance at the mean distance of the sun [W m-2 nm-1]
     ozone: Array  # absorption coefficients [1/cm], here and below
@@ -102,7 +102,7 @@ def irradiance(
     day : array_like, optional
         Day of the year, for the distance of the sun; by default the mean distance is used.
     spectrum : Spectrum, optional
-        Sunlight and gases at `wavelength`; by default `table_spectrum`.
+        Solar irradiance and absorption by gases at `wavelength`; by default ``table_spectrum(wavelength)``.
     **params
         Single fields of `Air` to change, such as ``visibility=23``.
 
@@ -136,7 +136,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Sunlight and gases at wavelengths [nm], interpolated linearly in a table with steps of 1 nm."""
+    """Solar irradiance and absorption by gases at wavelengths [nm], interpolated linearly in a table of 1 nm steps."""
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
@@ -179,7 +179,7 @@ def air_mass(sun_zenith: npt.ArrayLike) -> Array:
 
 
 def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
-    """Share of the light scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32).
+    """Share of the direct sunlight scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32).
 
     `sun_zenith` is in degrees; `asymmetry` is the mean cosine of the scattering angle.
     """
@@ -191,7 +191,7 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
-    """Climatological ozone column [DU] (Van Heuklon 1979) at a place [degree] (north, east positive), day of year.
+    """Climatological ozone column [DU] on a day of the year (Van Heuklon 1979); north and east are positive [degree].
 
     Examples
     --------

@@ -18,7 +18,8 @@ WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usua
 def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
     """Power reflectance [1] for light polarised perpendicular and parallel to the plane of incidence.
 
-    `cosine` is the cosine of the angle of incidence in air, 0 to 1, and is not checked; the results have its precision.
+    `cosine` is the cosine of the angle of incidence in air, 0 to 1, not checked; `index` is as in `reflectance`. Both
+    results have the precision of `cosine`.
     """
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
@@ -36,7 +37,7 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
     angle : array_like
         Angle of incidence in air, from the normal [degree], 0 to 90.
     index : array_like
-        Refractive index of water over that of air [1], 1.01 to 2.
+        Refractive index of water divided by that of air [1], 1.01 to 2.
 
     Returns
     -------
@@ -56,8 +57,8 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> Array:
     """Fresnel reflectance for unpolarised light from the cosine of the angle of incidence.
 
-    Like `reflectance`, but faster for large arrays: the arguments are not checked, and the result has their precision.
-    `cosine` is the cosine of the angle of incidence in air [1], 0 to 1.
+    Like `reflectance`, but faster for large arrays: arguments are not checked, and the result has the precision of
+    `cosine`, the cosine of the angle of incidence in air [1], 0 to 1. `index` is as in `reflectance`.
 
     Examples
     --------
@@ -82,10 +83,10 @@ def refraction_angle(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -
 
 
 def radiance_transmittance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Transmittance of radiance from water to air [1]: radiance in air over radiance in water, (1 - r) / n^2.
+    """Transmittance from water to air [1]: radiance in air divided by radiance in water, (1 - r) / n^2.
 
-    The surface transmits the share 1 - r of the flux, and refraction spreads it over n^2 times the solid angle. `angle`
-    is the angle of the ray in air from the normal [degree].
+    The surface transmits the share 1 - r of the flux (r: reflectance), and refraction spreads this flux over n^2 times
+    the solid angle (n: `index`). `angle` is the angle of the ray in air from the normal [degree].
 
     Examples
     --------

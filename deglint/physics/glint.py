@@ -30,7 +30,7 @@ class Facet(NamedTuple):
 
 
 class Glint(NamedTuple):
-    """Sun glint for one geometry and wind."""
+    """Sun glint from `sun_glint`; each array has the broadcast shape of the angles and the wind."""
 
     radiance: Array  # glint radiance per unit of irradiance on a plane facing the sun [1/sr]
     probability: Array  # share of the pixel, as the sensor sees it, that reflects a part of the solar disk [1]
@@ -112,7 +112,7 @@ def radiance(
 
         L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
 
-    The glint reflectance is this value times pi / cos(sun zenith).
+    r is the Fresnel reflectance, p the density. The glint reflectance is L / E_n times pi / cos(sun zenith).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Image formation: from a scene on a grid finer than the pixels (the fine grid) to the pixels of the sensor.
 
 The spectrum of the fine grid has frequencies far above the Nyquist frequency of the pixels. It is multiplied by the
-modulation transfer function (MTF); then every n-th point is taken, which aliases as the sensor does. The scene is
+modulation transfer function (MTF), then sampled at the pixels, which causes aliasing as in the sensor. The scene is
 assumed to be periodic. Only blur is modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
@@ -19,7 +19,7 @@ Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 def transform(scene: Floats, *, workers: int = 1) -> Complex:
-    """Half spectrum of a scene (row, column) on the fine grid, for `observe`: (row, column // 2 + 1) complex."""
+    """Half spectrum, (row, column // 2 + 1) complex, of a scene (row, column) on the fine grid; `workers`: threads."""
     from scipy import fft
 
     return fft.rfft2(scene, workers=workers)
@@ -41,7 +41,7 @@ def observe(
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
-        Spectrum of the fine grid, from `transform`; its rows and columns are even multiples of `factor`.
+        Spectrum from `transform`; the rows and columns of the fine grid are even multiples of `factor`.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur, and the wavelength [nm].
     factor : int
@@ -85,6 +85,6 @@ def observe(
 
 
 def _along(frequency: Floats, sensor: Sensor, shift: float) -> Complex:
-    """MTF of detector and jitter along an axis, times the phase of a shift of the sampling points by `shift` pixels."""
+    """MTF of detector and jitter at frequencies [cycles/pixel] of an axis, times the phase of a shift [pixel]."""
     blur = np.sinc(frequency) * np.exp(-2 * np.pi**2 * (sensor.jitter * frequency) ** 2)
     return np.asarray(blur * np.exp(2j * np.pi * frequency * shift))

@@ -25,7 +25,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties of water with its particles [1/m]; the arrays broadcast with each other."""
+    """Inherent optical properties [1/m]: total absorption, scattering by water and by particles; arrays broadcast."""
 
     absorption: Array
     water_scattering: Array
@@ -43,6 +43,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
     With A and E from a table (Bricaud et al. 1998), absorption a_w of sea water and a_p of particles, chlorophyll C,
+    the total absorption a, and the scattering b_p and backscattering b_bp of particles at the wavelength lambda are
 
         a = a_w + A C^E + 0.2 a_p(440) exp(-0.014 (lambda - 440)),
         b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0,
@@ -92,7 +93,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
 
 
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:
-    """A column of a table, interpolated linearly to wavelengths [nm]."""
+    """Column `column` of a table of `tables.load`, interpolated linearly to wavelengths [nm]."""
     columns = load(table)
     return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
 

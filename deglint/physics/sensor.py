@@ -46,8 +46,8 @@ class SensorBand:
 class Sensor(Checked):
     """Optics, detector and bands of a sensor.
 
-    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over aperture,
-    `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a digital number, 1 to 16.
+    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
+    aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the bits of a digital number, 1 to 16.
     """
 
     name: str
@@ -129,7 +129,7 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
 def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
     """Diffraction MTF [1] of a perfect circular aperture, ``2/pi (arccos x - x sqrt(1 - x**2))``, 0 for x above 1.
 
-    `frequency` x is the spatial frequency relative to the cutoff frequency of diffraction, 1 / (wavelength f#).
+    `frequency` x is the spatial frequency divided by the cutoff frequency of diffraction, 1 / (wavelength * f-number).
 
     Examples
     --------
@@ -141,15 +141,15 @@ def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
 
 
 def cutoff(sensor: Sensor, wavelength: float) -> float:
-    """Frequency [cycles/pixel] from which the MTF of diffraction is 0, at a wavelength [nm]."""
+    """Spatial frequency [cycles/pixel] from which on the MTF of diffraction is 0, at a wavelength [nm]."""
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
 def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Floats:
     """MTF of the whole sensor: diffraction, detector, smear and jitter.
 
-    ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, frequencies in
-    cycles/pixel, d the smear and s the jitter in pixels, ``sinc(x) = sin(pi x) / (pi x)``.
+    ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, with
+    ``|v|**2 = v_r**2 + v_c**2``, the smear d and the jitter s in pixels, and ``sinc(x) = sin(pi x) / (pi x)``.
 
     Parameters
     ----------
@@ -213,10 +213,10 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
-    """Number of electrons in a pixel for a radiance.
+    """Number of electrons in a pixel for a radiance (Fink 2014, eq. 2.23).
 
-    ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``, with the area A of the detector and the exposure time t
-    (Fink 2014, eq. 2.23).
+    ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``: detector area A, exposure time t, quantum efficiency QE,
+    transmission tau, central wavelength lambda, bandwidth dlambda, f-number f#, Planck constant h, speed of light c.
 
     Parameters
     ----------
@@ -240,10 +240,10 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
 
 
 def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
-    """Standard deviation s of a pixel [electrons]: shot, dark, read and quantisation noise.
+    """Standard deviation s of the noise of a pixel [electrons]: shot, dark, read and quantisation noise.
 
-    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the signal N and the dark signal N_dark of an
-    exposure time [s], both in electrons.
+    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``: `signal` N and dark signal N_dark of the `exposure`
+    time [s], both in electrons, and standard deviation s_read of the read noise [electrons].
     """
     fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
@@ -252,9 +252,9 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
 def noise_equivalent_radiance(
     radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
 ) -> Floats:
-    """Noise as a radiance [W m-2 sr-1 nm-1], ``L s / N``, at the radiance L [W m-2 sr-1 nm-1]; see `noise`.
+    """Noise as a radiance [W m-2 sr-1 nm-1], ``L s / N``, at the radiance L [W m-2 sr-1 nm-1].
 
-    `exposure` is the exposure time [s]; by default it is `Sensor.exposure` of the band.
+    N and s are the results of `electrons` and `noise`; `exposure` [s] is by default `Sensor.exposure` of the band.
     """
     exposure = sensor.exposure(band) if exposure is None else exposure
     per_radiance = electrons(1.0, sensor, band, exposure=exposure)

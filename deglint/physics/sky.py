@@ -67,7 +67,7 @@ def radiance(
 def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
     """Radiance of the sky as in `radiance`, for many facets: without checks, and with the precision of `cosine`.
 
-    `cosine` is the cosine of the zenith angle of the direction, `towards` the cosine of its angle from the sun.
+    `cosine` is the cosine of the zenith angle of the direction, `towards` that of the angle between direction and sun.
     """
     if model == "uniform":
         return 1.0 / np.pi + 0.0 * cosine
@@ -91,11 +91,11 @@ def reflectance(
 ) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
-    It is the integral of w r(incidence) L_sky over the slopes of the facets, by Gauss-Legendre quadrature. The weight
-    w of a facet is its share of the sea as the sensor sees it, p cos(incidence) / (cos(tilt) cos(view zenith)) /
-    (1 + Lambda), with the density p of slopes and Smith's Lambda (`slopes.hidden`). Facets that face away from the
-    sensor, or reflect the sea instead of the sky, add nothing. For a uniform sky the effective reflectance of the sea
-    is pi times this value.
+    It is the integral of w r L_sky over the slopes of the facets, by Gauss-Legendre quadrature, with the Fresnel
+    reflectance r and the sky radiance L_sky per diffuse irradiance. The weight w of a facet is its share of the sea as
+    the sensor sees it, p cos(incidence) / [cos(tilt) cos(view zenith) (1 + Lambda)], with the density p of slopes and
+    Smith's Lambda (`slopes.hidden`). Facets that face away from the sensor, or reflect the sea instead of the sky, add
+    nothing. For a uniform sky the effective reflectance of the sea is pi times the result.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for each node of the slope across the view: nodes of the slope along it, the slope across it, and weights.
+    """Yield, for each of `NODES` slopes across the view: nodes of the slope along the view, slope across, and weights.
 
     The nodes along the view are limited to facets that reflect the sky, not the sea, because the integrand is smooth
     there. `zenith` is the zenith angle of the sensor [degree]; variances are of the slopes along and across the view.
@@ -147,8 +147,8 @@ def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Ite
 def _mirror(zenith: Array, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
     """Reflect the line of sight of the sensor at facets with slopes along and across the view.
 
-    Returns cos(incidence) / cos(tilt) [1], the angle of incidence, the zenith angle of the reflected ray, and its
-    azimuth minus the azimuth of the sensor [degree].
+    Returns cos(incidence) / cos(tilt) [1]; then, in degrees, the angle of incidence, the zenith angle of the reflected
+    ray, and the azimuth of this ray minus that of the sensor. `zenith` is the zenith angle of the sensor [degree].
     """
     slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))
     length = 1.0 + along**2 + across**2
@@ -163,14 +163,14 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Cosine of the angle from the sun, from the cosines of both zenith angles and the azimuth difference [radian]."""
+    """Cosine of the angle from the sun, from the cosines of both zenith angles and azimuth difference [radian]."""
     return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
 
 
 def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
-    """Sky radiance of Harrison and Coombes, not normalised; their last factor is left out, as normalisation cancels it.
+    """Sky radiance of Harrison and Coombes, not normalised, without their last factor, which normalisation cancels.
 
-    Arguments are cosines of the zenith angle, of the angle from the sun, and of the sun zenith angle.
+    Arguments are cosines: of the zenith angle of a direction, of its angle from the sun, and of the sun zenith angle.
     """
     towards = np.clip(towards, -1.0, 1.0)
     glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
@@ -186,7 +186,7 @@ def _clear_total(sun_zenith: Array) -> Array:
 def _clear_fit() -> Array:
     """Coefficients of the polynomial of `_clear_total`.
 
-    The integrals are by Gauss-Legendre quadrature over the cosine and the trapezoidal rule over the azimuth.
+    Integrals are by Gauss-Legendre quadrature over the cosine of the zenith angle, trapezoidal rule over the azimuth.
     """
     x = chebyshev.chebpts1(15)
     nodes, weights = np.polynomial.legendre.leggauss(64)

@@ -65,7 +65,8 @@ def density(
 ) -> Array:
     """Probability density of the slopes of the sea surface for a wind.
 
-    With X = upwind / sigma_u and Y = crosswind / sigma_c (Cox and Munk 1954, eq. 18),
+    With X = upwind / sigma_u, Y = crosswind / sigma_c (sigma: standard deviations of the slopes) and the coefficients c
+    of the model (Cox and Munk 1954, eq. 18),
 
         p = exp(-(X^2 + Y^2) / 2) / (2 pi sigma_u sigma_c)
             [1 - c21 (Y^2 - 1) X / 2 - c03 (X^3 - 3 X) / 6 + c40 (Y^4 - 6 Y^2 + 3) / 24
@@ -174,7 +175,7 @@ def from_wind_axes(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: n
 
 
 def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
-    """Smith's shadowing function Lambda [1]: hidden area of the sea over visible area, as seen from a direction.
+    """Smith's shadowing function Lambda [1]: hidden area of the sea divided by visible area, seen from a direction.
 
         Lambda = [exp(-v^2) - v sqrt(pi) erfc(v)] / (2 v sqrt(pi)),  v = cot(zenith) / sqrt(2 variance)
 
@@ -238,9 +239,9 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 
 @cache
 def _negative_mass(model: str) -> tuple[Array, Array]:
-    """Winds (n,) [m/s]; for each, minus the integral of the negative part of the Gram-Charlier density (n,) [1].
+    """Winds (n,) [m/s], and the integral of the negative part of the Gram-Charlier density for each wind (n,) [1].
 
-    Linear interpolation between the winds is accurate to 5e-6.
+    The integrals are given as positive numbers. Linear interpolation between the winds is accurate to 5e-6.
     """
     chosen = MODELS[model]
     assert chosen.skewness is not None

@@ -18,7 +18,7 @@ _ECKV_CM = 0.23  # phase speed of this wave [m/s]
 
 
 def dispersion(wavenumber: Floats) -> Floats:
-    """Angular frequency of free gravity-capillary waves on deep water [rad/s], ``w**2 = g k + (T/rho) k**3``."""
+    """Angular frequency w [rad/s] of gravity-capillary waves on deep water: w**2 = g k + T k**3 / rho (tension T)."""
     k = np.asarray(wavenumber, dtype=np.float64)
     return np.sqrt(GRAVITY * k + SURFACE_TENSION * k**3)
 
@@ -31,7 +31,7 @@ def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
 def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
     """Pierson-Moskowitz spectrum of the fully developed sea.
 
-    ``E(f) = 0.0081 g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4)``
+    ``E(f) = 0.0081 g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4)``, with the peak frequency fp [Hz].
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
 
 
 def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
-    """The spectrum of `pierson_moskowitz` [m2/Hz] with any constant `alpha` and any peak frequency [Hz]."""
+    """The spectrum of `pierson_moskowitz` [m2/Hz] with `alpha` [1] instead of 0.0081, and any peak frequency [Hz]."""
     f = np.asarray(frequency, dtype=np.float64)
     with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is 0, as it should be
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
@@ -78,8 +78,8 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
     """JONSWAP spectrum of a fetch-limited sea.
 
     ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) 3.3**exp(-((f/fp - 1)/s)**2 / 2)``,
-    ``alpha = 0.076 (U10**2 / (F g))**0.22``, ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, s = 0.07 below the peak
-    and 0.09 above.
+    ``alpha = 0.076 (U10**2 / (F g))**0.22``, peak frequency ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, wind U10,
+    fetch F, s = 0.07 below the peak and 0.09 above.
 
     Parameters
     ----------

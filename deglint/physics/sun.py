@@ -169,7 +169,7 @@ def _seconds(time: Any) -> Array:
 
 
 def _moment(time: Any) -> datetime:
-    """One time as a datetime with a time zone, UTC if it has none. Raises InputError: it is not in ISO 8601."""
+    """Convert one time to a datetime with a time zone, by default UTC. Raises InputError: `time` is not in ISO 8601."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

@@ -52,7 +52,7 @@ class Surface:
         return self._field(time, True, workers)
 
     def _field(self, time: float, slopes: bool, workers: int) -> Complex:
-        """East slope + i * north slope if `slopes`, else the height (real part), at a time [s]."""
+        """East slope + i * north slope [1] if `slopes`, else the height [m] as the real part, at a time [s]."""
         from scipy import fft
 
         from ._surface_kernels import evolve
@@ -79,7 +79,7 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
-    """Draw standard normal random numbers of a shape, on `workers` threads; they do not depend on `workers`."""
+    """Draw an array of standard normal numbers on `workers` threads; the numbers do not depend on `workers`."""
     out = np.empty(shape, np.float32)
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
@@ -95,9 +95,9 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
 def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
     """Draw a random surface.
 
-    The height is ``z = sum a(k) exp(i k x - i w t) + c.c.``, ``a = (r1 + i r2) / sqrt(2) sqrt(Psi(k) / 2 dkx dky)``
-    with standard normal r1 and r2 and the wave spectrum Psi [m4], so that the expected variance is exactly the sum of
-    ``Psi dkx dky``.
+    The height is ``z = sum a(k) exp(i k x - i w t) + c.c.`` over the wavenumber vectors k of the grid, whose steps are
+    dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
+    [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
 
     Raises InputError: the grid spans less than one peak wave or 8 x 8 points, or its step exceeds a quarter of the
     peak wave.

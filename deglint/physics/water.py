@@ -1,7 +1,7 @@
 """Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
-Remote-sensing reflectance is water-leaving radiance over irradiance, both just above the surface [1/sr]; reflection at
-the surface is not included. For deep water the model is Lee et al. (2011), with a table over sun and view angles;
+Remote-sensing reflectance is water-leaving radiance divided by irradiance, both just above the surface [1/sr], without
+reflection at the surface. For deep water the model is Lee et al. (2011), with a table over sun and view angles;
 outside this table the model is Lee et al. (1999), which does not depend on angles. For an object the model is Lee et
 al. (1999), with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
 
@@ -69,8 +69,8 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
 
         Rrs = (Gw0 + Gw1 u) u + (Gp0 + Gp1 v) v,  u = b_bw / k,  v = b_bp / k,  k = a + b_bw + b_bp
 
-    The table is interpolated linearly between its angles; a larger zenith angle gets the coefficients at the edge of
-    the table. Arguments are as in `deep_reflectance`.
+    a is absorption, b_bw and b_bp backscattering of water and of particles. The table is interpolated linearly between
+    its angles; a larger zenith angle gets the coefficients at its edge. Arguments are as in `deep_reflectance`.
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
@@ -87,7 +87,7 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
 
 
 def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
-    """Terms u, u^2, v, v^2 [1] of the equation of `lee_2011`, each to be multiplied by its coefficient."""
+    """Terms u, u^2, v, v^2 [1] of the equation of `lee_2011`, in the order of the coefficients Gw0, Gw1, Gp0, Gp1."""
     k = water.absorption + water.backscattering
     u, v = water.water_backscattering / k, water.particle_backscattering / k
     return u, u * u, v, v * v
@@ -96,7 +96,8 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
 def lee_1999(water: Iops) -> Array:
     """Remote-sensing reflectance of deep water [1/sr] by Lee et al. (1999), for sun and sensor near the zenith.
 
-    It is 0.52 r / (1 - 1.7 r), with r = (0.084 + 0.170 u) u just below the surface and u = b_b / (a + b_b).
+    It is 0.52 r / (1 - 1.7 r), with the reflectance r = (0.084 + 0.170 u) u [1/sr] just below the surface, and
+    u = b_b / (a + b_b) from absorption a and total backscattering b_b.
     """
     u = water.backscattering / (water.absorption + water.backscattering)
     below = (0.084 + 0.170 * u) * u
@@ -115,8 +116,8 @@ def submerged_reflectance(
 ) -> Array:
     """Remote-sensing reflectance [1/sr] of the sea over a Lambertian object under water.
 
-    With the reflectance R of the object, its depth H, the zenith angles s of the sun and v of the sensor in water,
-    k = a + b_b and u = b_b / k,
+    With the reflectance R and the depth H of the object, the zenith angles s of the sun and v of the sensor in water,
+    absorption a, backscattering b_b, k = a + b_b and u = b_b / k,
 
         Rrs = deep [1 - exp(-(1 / cos s + D_C / cos v) k H)]
               + T_d T_u R / pi exp(-(1 / cos s + D_B / cos v) k H) / (1 - 0.48 R exp(-2 k H)),
@@ -135,7 +136,7 @@ def submerged_reflectance(
     reflectance : array_like
         Reflectance of the object [1], 0 to 1.
     direct_fraction : array_like
-        Direct over total irradiance above the surface [1], 0 to 1.
+        Direct divided by total irradiance above the surface [1], 0 to 1.
 
     Notes
     -----
@@ -167,8 +168,8 @@ def absorption_only_reflectance(
         T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H)
 
     This is the fast model of Fink (2014), section 2.5, for comparison. Symbols, parameters and errors raised are as in
-    `submerged_reflectance`. Relative to the same Monte Carlo simulation, the contrast of the object with the water is
-    27 % too high on average; the error grows with depth.
+    `submerged_reflectance`. Relative to the Monte Carlo simulation in its notes, the contrast between object and water
+    is 27 % too high on average; the error grows with depth.
     """
     depth, albedo = _object(depth, reflectance)
     paths = _path(sun_zenith) + _path(view_zenith)
@@ -183,12 +184,12 @@ def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Ar
 
 
 def _path(zenith: npt.ArrayLike) -> Array:
-    """Path length of a ray under water over depth [1], from its zenith angle in air [degree]."""
+    """Path length of a ray in water divided by the depth [1], from the zenith angle of the ray in air [degree]."""
     return 1.0 / np.cos(np.radians(fresnel.refraction_angle(zenith)))
 
 
 def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: npt.ArrayLike) -> Array:
-    """Product T_d T_u [1] of the transmittances of the surface: for irradiance downwards and for radiance upwards."""
+    """T_d T_u [1], surface transmittances for irradiance downwards (direct share `direct`) and radiance upwards."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
     return downward * fresnel.radiance_transmittance(view_zenith)

@@ -41,7 +41,7 @@ class Sea(Checked):
     spreading : str, optional
         Directional spreading; by default "elfouhaily" for the spectrum of that name, else "half-angle" (cos-2s).
     exponent, opposing : float
-        Exponent s of the cos-2s spreading; with Elfouhaily's, share of the energy that travels upwind [1], 0 to 0.5.
+        Exponent s of the cos-2s spreading; in Elfouhaily's, share of the energy that travels upwind [1], 0 to 0.5.
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
@@ -100,10 +100,10 @@ def spread_convention(sea: Sea) -> Spreading:
 
 
 def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
-    """Mean of cos(2a) over the waves of a wavenumber [rad/m], with their angle a from the wind.
+    """Energy-weighted mean of cos(2a) over the waves of a wavenumber [rad/m]; a is the angle between wave and wind.
 
-    It is 0 for isotropic waves and 1 if all waves travel along the wind: D / 2 for Elfouhaily's spreading,
-    ``s (s-1) / ((s+1)(s+2))`` for half-angle and ``s / (s+1)`` for full-angle cos-2s.
+    It is 0 for isotropic waves and 1 if all waves travel along the wind: D / 2 with `spectra.elfouhaily_spread` D,
+    ``s (s-1) / ((s+1)(s+2))`` for half-angle and ``s / (s+1)`` for full-angle cos-2s with the exponent s.
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent

@@ -150,7 +150,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """Raise a lost connection to the scheduler as DeglintError with one line."""
+    """Context in which a lost connection to the scheduler is raised as DeglintError with a message of one line."""
     try:
         yield
     except (OSError, RuntimeError) as error:

@@ -102,7 +102,7 @@ class Correction:
 
     @property
     def chain_halo(self) -> int:
-        """Pixels around a cell that the chain and the removal need."""
+        """Pixels around a cell (see `CHAIN_CELL`) that the chain and the removal need."""
         return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
@@ -173,7 +173,7 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: Any) -> Mask:
-        """Mask of saturated pixels, (band, row, column); False for bands without a known saturation."""
+        """Mask, (band, row, column), of saturated pixels of `physical`; False for bands without a known saturation."""
         limits = np.array([b.saturation for b in self.scene.bands], physical.dtype)  # None: NaN, which nothing exceeds
         if np.isnan(limits).all():
             return np.zeros((len(physical), 1, 1), np.bool_)
@@ -191,7 +191,7 @@ class Correction:
         block.changes = [([f.band for f in self.model.fits], block.where)]
 
     def _compensate(self, block: Block, physical: Any) -> None:
-        """Apply the chain cell by cell, and store the result in `physical`."""
+        """Apply the chain cell by cell, and store the result in `physical`, (band, row, column), and in `block`."""
         removed = {f.band for f in self.model.fits}
         block.replaced = np.zeros(physical.shape, np.bool_)
         block.targets = np.zeros(physical.shape[1:], np.bool_)
@@ -242,7 +242,7 @@ class Correction:
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
-        """All bands in the type of the output; negative and clipped values are added to `flags` and `tally`."""
+        """All bands as numbers for the output file; negative and clipped values are added to `flags` and `tally`."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         for bands, place in block.changes:
@@ -332,7 +332,7 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """The same correction, with the `noise` of its bands: noise of the pixels and rounding to integers of the file."""
+    """The same correction with `noise` set, from the noise of the pixels and the rounding to integers of the file."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = [noise([np.nan_to_num(p[b]) for p in done], inside) for b in work.changed]

@@ -66,7 +66,7 @@ _ANGLE_TAGS = {
 
 
 def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile without `NEGATIVE` and `CLIPPED`, (row, column); `saturated`: (row, column)."""
+    """Flags of a corrected tile without `NEGATIVE` and `CLIPPED`; `saturated`: in any band; (row, column) each."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if block.changes else 0
     if block.replaced is not None:
@@ -79,7 +79,7 @@ def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Count the pixels of a tile with each flag (row, column), and per band those replaced, changed or `saturated`."""
+    """Count pixels by `flags` (row, column), and per band those replaced, changed, `saturated` (band, row, column)."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:

@@ -72,7 +72,7 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Numbers of pixels of a tile or a run. Those "for each band" are an array (band,) in scene order, or 0 for all."""
+    """Numbers of pixels of a tile or a run. Fields "for each band": array (band,) in scene order, or 0 if all are 0."""
 
     total: int = 0
     nodata: int = 0
@@ -129,7 +129,7 @@ class Result:
         return shown(repr(self), rows, None if before is None or after is None else stretched([before, after]))
 
     def _middle(self, paths: list[str]) -> FloatArray | None:
-        """The central part (band, row, column) of the image that these files hold; None if it cannot be read."""
+        """The central part (band, row, column) of the image in the files `paths`; None if it cannot be read."""
         from ..readers import open_scene
 
         try:
@@ -147,7 +147,7 @@ class Result:
 
 
 def why(lines: Sequence[str]) -> None:
-    """Log reasons at level DEBUG, which -v shows."""
+    """Log the reasons for a decision, one a line, at level DEBUG, which -v shows."""
     for line in lines:
         log.debug("  %s", line)
 

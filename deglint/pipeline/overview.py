@@ -45,7 +45,7 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Overviews of larger and larger parts of a scene, at last of the whole; with a water rule if `wanted`."""
+    """Yield overviews of ever larger parts of a scene, at last of all, with a water rule if `wanted`; nir: 0-based."""
     roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
     compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
@@ -67,7 +67,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Tiles evenly spread over the scene, about `pixels` pixels in all, selected from about `MOST_TILES` at most."""
+    """Tiles spread evenly over a scene, with about `pixels` pixels in all, chosen from at most about `MOST_TILES`."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
@@ -75,7 +75,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
-    """All tiles of a scene; if it is too large for memory, as many tiles with valid pixels as fit into it."""
+    """All tiles of a scene; if too many for memory, as many as fit of those with valid pixels in 0-based band `nir`."""
     total = scene.height * scene.width
     if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
@@ -94,7 +94,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview with water, or the last if none has water; the first if there is no `Overview.water`."""
+    """The first overview with water, or the last if none has water; the first if `Overview.water` is None there."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break

@@ -1,4 +1,4 @@
-"""Fits to the sample of a scene: training tiles, fits to them and trials of candidates on them; pointwise methods.
+"""Fits to the sample of a scene: reading training tiles; fits to them, trials of candidates on them; pointwise fits.
 
 A pointwise method uses no neighbouring pixels. With a tolerance, tiles spread over the scene are read in batches, until
 the relative standard error of the glint in each corrected band (`deglint.remove.glint_error`) is at most the tolerance,
@@ -274,7 +274,7 @@ def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sa
 def _read(
     job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile]
 ) -> Iterator[tuple[SampleStatistics, list[Place]]]:
-    """Yield, for each row of tiles of a batch, the statistics of the sample, and its place in each tile."""
+    """Yield, for each row of tiles of a batch, the statistics of the sample, and its `Place` in each tile."""
     scene, halo = job.scene, max(plan.halo, 0)
     outlined = scene if job.want_sample else None  # workers of a cluster get no job
     columns = sorted({*plan.read_bands, *sampler.bands})
@@ -308,7 +308,7 @@ def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel 
 def _reached(
     tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
 ) -> tuple[dict[str, Any], str, list[str]]:
-    """Sidecar entries, log line and warnings on the tolerance, after `taken` of `whole` pixels were read."""
+    """Sidecar entries, log line and warnings on the tolerance of `errors`; `taken` of `whole` pixels were read."""
     worst = max(errors.values(), default=0.0)
     met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {
@@ -328,7 +328,7 @@ def _reached(
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
-    """Place of the sample in a tile, from its mask (row, column); with an outline if a scene is given."""
+    """The `Place` of the sample in a tile from the `mask` (row, column) of the sample; outlined if a scene is given."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []
@@ -338,7 +338,7 @@ def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
 
 
 def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
-    """Sidecar entries and outline of the sample to which a model was fitted; its size and position are logged."""
+    """Sidecar entries and outline of the sample to which a model was fitted; size and position of it are logged."""
     boxes, box = np.array([box for box, _ in places if box is not None]), None
     if len(boxes):
         (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()

@@ -98,7 +98,7 @@ def excluded_share(plan: Reticle) -> float:
 
 
 def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
-    """A viewing geometry as values for JSON, with radiances, contrast and electrons of each band."""
+    """Angles, contrast and glint of a viewing geometry, and `_NUMBER_LAYERS` and electrons of each band, for JSON."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     return {
@@ -122,7 +122,7 @@ def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
 
 
 def document(plan: Reticle) -> dict[str, Any]:
-    """The whole plan for JSON: the summary, and every layer to four digits.
+    """The whole plan for JSON: the summary, and every layer to four significant digits.
 
     Radiances and `by_band` are not included. Glint radiance is `glint_strength` times the irradiance "normal", sky
     radiance is `sky_strength` times the irradiance "diffuse".

@@ -31,22 +31,22 @@ _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
-    """An RGB picture to draw on, of a given width and height [pixel]."""
+    """An RGB picture of a width and a height to draw on. Positions (x, y from upper left) and sizes are in pixels."""
 
     def __init__(self, width: int, height: int) -> None:
         self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
         self._texts: list[tuple[Point, str, float, Colour, str, bool]] = []
 
     def line(self, points: Sequence[Point], colour: Colour = INK, width: int = 1) -> None:
-        """Draw a line through points."""
+        """Draw a line of a width [pixel] through points."""
         cv2.polylines(self.image, [_fixed(points)], False, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def area(self, points: Sequence[Point], colour: Colour) -> None:
-        """Fill a polygon."""
+        """Fill the polygon with the corners `points`."""
         cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def circle(self, centre: Point, radius: float, colour: Colour = INK, width: int = 1) -> None:
-        """Draw a circle; a width of -1 fills it."""
+        """Draw a circle with a line of a width [pixel]; the width -1 fills the circle."""
         (at,) = _fixed([centre])
         size = round(radius * 2**_SUBPIXEL_BITS)
         cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
@@ -56,7 +56,7 @@ class Canvas:
         self.image[round(top) : round(top + height), round(left) : round(left + width)] = colour
 
     def arrow(self, start: Point, end: Point, colour: Colour = INK, width: int = 2, head: float = 11.0) -> None:
-        """Draw an arrow with a filled head."""
+        """Draw an arrow, a line of a width [pixel], with a filled head of the length `head` [pixel]."""
         along = np.subtract(end, start)
         along = along / max(float(np.hypot(*along)), 1e-9)
         side = np.array([-along[1], along[0]]) * head * 0.45
@@ -67,14 +67,14 @@ class Canvas:
     def text(
         self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
-        """Add a line of text, which `finished` draws; `anchor` as in Pillow, `halo`: with a white outline."""
+        """Add a line of text, which `finished` draws; `anchor` is as in Pillow, `halo` gives it a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def lines(
         self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *,
         width: float | None = None, anchor: str = "la",
     ) -> float:  # fmt: skip
-        """Add texts, wrapped to a width, in lines `step` apart [pixel]; return y below the last line."""
+        """Add texts, wrapped to `width` if given, in lines `step` apart [pixel]; return y of the next line [pixel]."""
         lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
         for k, line in enumerate(lines):
             self.text((at[0], at[1] + k * step), line, size, colour, anchor=anchor)
@@ -91,7 +91,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """The lines of a text in a font of this size, wrapped to a width [pixel]."""
+    """Lines of a text, wrapped to a width [pixel] in a font of a size [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -103,7 +103,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Point of a viewing geometry on a disc: north up, east right, zenith angle `widest` at `radius` [pixel]."""
+    """Point of a viewing geometry on a disc, north up, east right; zenith angle `widest` lies at `radius` [pixel]."""
     return around(centre, radius * zenith / widest, azimuth)
 
 
@@ -133,7 +133,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], pa
     """Draw a disc of viewing geometries; the largest zenith angle lies at `radius` [pixel].
 
     `share` (zenith, azimuth) gives the colour, 0 to 1; zenith angles from 0 and azimuths 0 to 360 are in equal steps.
-    Where the layer of a pattern is above 0, the disc is hatched on a pale background.
+    Where the layer of a `Pattern` is above 0, the disc has its hatching, on a pale background.
     """
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
@@ -157,7 +157,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], pa
 
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
-    """Draw a sample of a hatching for a legend, 28 x 18 pixels."""
+    """Draw a sample of a hatching ("/", "\\" or ".") for a legend, 28 x 18 pixels."""
     fine = np.full((36, 56, 3), GROUND, np.uint8)
     fine[_pattern(pattern, 56)[:36]] = colour
     x, y = round(left), round(top)
@@ -165,7 +165,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Interpolate values (zenith, azimuth) linearly to the oversampled pixels (row, column) of a disc."""
+    """Interpolate values (zenith, azimuth) linearly to the oversampled pixels (row, column) of a disc; see `disc`."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -182,7 +182,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks, True inside a disc: of oversampled pixels (row, column), and of picture pixels (row, column, 1)."""
+    """Masks, True inside a disc: (row, column) of oversampled pixels, and (row, column, 1) of pixels of the picture."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )
@@ -192,7 +192,7 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
     """Maps for cv2.remap: for each oversampled pixel of a disc, the fractional column (azimuth) and row (zenith angle)
-    in a table of `down` zenith angles by `around` azimuths. `radius`: of the disc, before oversampling [pixel].
+    in a table of `down` zenith angles by `around` azimuths. `radius` is that of the disc before oversampling [pixel].
     """
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]

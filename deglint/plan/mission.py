@@ -74,7 +74,7 @@ class Mission(Checked):
     latitude, longitude : float, optional
         Place of the object, north and east positive [degree].
     time : str, datetime or numpy.datetime64, optional
-        UTC unless a zone is given; now if left out.
+        Time, UTC if it has no time zone; by default the current time.
     sun_zenith, sun_azimuth : float, optional
         Zenith angle and azimuth of the sun, instead of place and time [degree].
     wind, wind_from, wind_height : float
@@ -240,7 +240,7 @@ _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "m
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """Make a mission from tables; `name` names their source, such as the file, in error messages.
+    """Make a mission from tables {table: {key: value}}; `name` is their source in error messages, such as a file name.
 
     Raises InputError: a table or key is not known, or a value cannot be used.
 
@@ -318,7 +318,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """The checked values of a table; raises InputError for an unknown key, or a value that is no finite number."""
+    """Checked values of a table. Raises InputError: a key is not `known`, or a value is no finite number."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}
@@ -335,7 +335,7 @@ def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str,
 
 
 def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]:
-    """Make the sensor of the table [sensor] from a preset; return it and the names of the bands to use (empty: all)."""
+    """Make a sensor from the table [sensor] and a preset; return also the names of the bands to use (empty: all)."""
     own, bands = dict(values), values.get("bands", ())
     for key in ("bands", "band"):
         if not isinstance(own.pop(key, []), (list, tuple, str)):

@@ -56,7 +56,7 @@ def page(
 ) -> Image:  # fmt: skip
     """Draw a disc of viewing geometries with its text; `geometry` is marked as the best.
 
-    `share` (zenith, azimuth) gives the colour, 0 to 1.
+    `share` (zenith, azimuth) gives the colour, 0 to 1, `patterns` the hatchings, as in `draw.disc`; `words`: the text.
     """
     canvas = Canvas(WIDTH, HEIGHT)
     sky_disc(canvas, DISC_CENTRE, DISC_RADIUS, plan, share, patterns)
@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """Contrast over noise (zenith, azimuth), and hatchings of low contrast, reflected sky and sun glint."""
+    """Contrast over noise (zenith, azimuth) of a band or of all; hatchings of low contrast, reflected sky, glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -166,7 +166,7 @@ def _best(canvas: Canvas, widest: float, geometry: ViewingGeometry) -> None:
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
-    """Draw a star, the mark of the best viewing geometry."""
+    """Draw a star of a radius `size` [pixel], the mark of the best viewing geometry."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
         canvas.area([around(at, reach * (0.45 if k % 2 else 1.0), 36.0 * k) for k in range(10)], colour)
 

@@ -57,7 +57,7 @@ class Light:
 class Reticle:
     """Radiances, contrasts and masks for every viewing geometry.
 
-    Layers are (zenith, azimuth), or (band, zenith, azimuth).
+    Arrays are (zenith, azimuth) if no other shape is given.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Reticle:
     sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
-        Weber contrast (LT - LB) / LB [1], and contrast over noise: `|LT - LB|` over the noise-equivalent radiance [1].
+        Weber contrast (LT - LB) / LB [1], and contrast over noise: |LT - LB| / (noise-equivalent radiance) [1].
         LT and LB are the water-leaving radiances over the object and of deep water.
     clear_of_glint : bool ndarray
         True where sun glint is within its limits.
@@ -88,8 +88,8 @@ class Reticle:
     excluded : bool ndarray
         True where no band is usable.
     by_band, combined : (band, zenith, azimuth) and (zenith, azimuth) ndarray
-        Contrast over noise, 0 where a mask excludes it [1] (Fink 2014, section 2.7.4); and that of all usable bands,
-        the root of the sum of squares of `by_band`.
+        Contrast over noise [1] of each band, 0 where it is not usable (Fink 2014, section 2.7.4); and of all bands
+        together, the root of the sum of squares of `by_band`.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -140,7 +140,7 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons per pixel, (band, zenith, azimuth), by name of the component of radiance (Fink 2014, eq. 2.23)."""
+        """Electrons per pixel (band, zenith, azimuth) by name: background, object, sky, glint (Fink 2014, eq. 2.23)."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -176,7 +176,7 @@ def reticle(mission: Mission) -> Reticle:
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Coefficients a [1] and b [1/sr]: the reflectance over the object is a times that of deep water, plus b.
 
-    Both are (wavelength, zenith); `direct_fraction` is direct over total irradiance, (wavelength,) [1].
+    Both are (wavelength, zenith); `direct_fraction` is direct divided by total irradiance, (wavelength,) [1].
     """
     column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
@@ -190,7 +190,7 @@ def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Float
 
 
 def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
-    """Zenith angles and azimuths of the viewing geometries of a mission [degree]."""
+    """Zenith angles (zenith,) and azimuths (azimuth,) of the grid of viewing geometries of a mission [degree]."""
     down, around = round(mission.widest / mission.step), round(360.0 / mission.step)
     return np.linspace(0.0, mission.widest, down + 1), np.linspace(0.0, 360.0, around + 1)
 
@@ -226,9 +226,8 @@ def best_geometry(
 ) -> ViewingGeometry | None:
     """The viewing geometry with the highest contrast; None if all are excluded.
 
-    Where possible, no excluded viewing geometry lies within `MARGIN` of it. `contrast` (zenith, azimuth) is contrast
-    over noise [1], 0 where excluded; by default it is the contrast of `band`, or of all bands together.
-
+    Where possible, no excluded viewing geometry lies within `MARGIN` of the best one. `contrast` (zenith, azimuth) is
+    contrast over noise [1], 0 where excluded; by default it is that of `band`, or of all bands together.
     Raises BandError: there is no such band.
     """
     bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
@@ -302,7 +301,7 @@ def compass(azimuth: float) -> str:
 
 @lru_cache(maxsize=4)
 def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Points at the distance `MARGIN` around every viewing geometry: their indices of zenith angle and of azimuth.
+    """Indices of zenith angle and of azimuth of `_AROUND` points at an angle of `MARGIN` from each viewing geometry.
 
     Both arrays are (point, zenith, azimuth). `shape` is (zenith, azimuth) of the reticle, `widest` its largest zenith
     angle [degree]. Points outside the reticle are moved to its edge.

@@ -39,9 +39,8 @@ _THIN = 4  # the page gets every fourth viewing geometry, for the values at the 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
     """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the values of the mission.
 
-    Port 0 selects a free one; `say` is called with each line to show, such as the address of the page.
-
-    Raises InputError: the port is taken.
+    Port 0 selects a free port. `say` is called with each line of text to show, such as the address of the page.
+    Raises InputError: the port is in use.
     """
     server = make_server(mission, port)
     answer(mission, {})  # loads all modules that a plan needs, so that the first request is fast
@@ -60,7 +59,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
 
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
-    """The server, bound to the loopback address and not yet serving. Raises InputError: the port is taken."""
+    """The server, bound to the loopback address and not yet serving. Raises InputError: the port is in use."""
     try:
         return _Server(mission, port)
     except OSError as error:
@@ -118,10 +117,9 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The plan for a request: picture (PNG in base64), text, names of bands, and values at the pointer.
+    """The plan for a request: picture (PNG in base64), text, names of bands, and values to show at the mouse pointer.
 
     `asked` holds the changed values by name, as text; all other values are taken from `base`.
-
     Raises InputError or ValueError: a value cannot be used, or the sun is down.
     """
     numbers: dict[str, Any] = {name: float(asked[name]) for name in SLIDERS if name in asked}
@@ -148,7 +146,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _start(base: Mission) -> dict[str, Any]:
-    """Initial values of the page, for JSON."""
+    """Initial values of the sliders, time, sensor and picture size of the page, for JSON."""
     values = {name: getattr(base, name) for name in SLIDERS}
     values |= {"visibility": base.weather.visibility, "glint": base.limits.glint}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]

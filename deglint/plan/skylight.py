@@ -1,7 +1,7 @@
 """Skylight reflected by the wind-roughened sea: its mean, and the share of facets brighter than a limit.
 
 A facet is a small plane part of the surface. Both quantities are sums over facets (Fink 2014, eq. 2.26 and 2.27),
-weighted by the share of the sea that each facet covers as seen by the sensor. They vary slowly, so they are computed at
+weighted by the share of the sea that each facet covers as seen by the sensor. Both vary slowly, so they are computed at
 several hundred viewing geometries and interpolated to all others. Facets that reflect the sea do not contribute.
 """
 
@@ -69,7 +69,7 @@ def _carried(
 ) -> Floats:
     """Interpolate values, given at equal steps along an axis, to positions `place` in units of steps.
 
-    `weights` gives the weights of the nodes around a position; a `periodic` axis wraps around. BLAS is not called, as
+    `weights` is `_cubic` or `_linear`; a `periodic` axis wraps around. BLAS is not called, as
     its threads block each other on a busy machine.
     """
     count = values.shape[axis]
@@ -84,16 +84,16 @@ def _carried(
 
 
 def _cubic(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 to 3 for positions x between them (0 to 3), by cubic interpolation."""
+    """Weights of the nodes 0 to 3 for cubic interpolation to positions x (0 to 3), an array for each node."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
 def _linear(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 and 1 for positions x between them (0 to 1), by linear interpolation.
+    """Weights of the nodes 0 and 1 for linear interpolation to positions x (0 to 1), an array for each node.
 
-    It is used for the shares of facets brighter than a level: unlike cubic interpolation, it never makes a share rise
-    with the level.
+    It is used for the share of facets brighter than a radiance: unlike cubic interpolation, it never makes this share
+    rise with the radiance.
     """
     return 1.0 - x, x
 
@@ -101,9 +101,10 @@ def _linear(x: Floats) -> tuple[Floats, ...]:
 def _summed(
     zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Mean reflected skylight (zenith, azimuth) [1/sr]; share of the sea above `LEVELS` (level, zenith, azimuth) [1].
+    """Mean reflected skylight (zenith, azimuth) [1/sr], and share of the sea brighter than each of `LEVELS` [1].
 
-    `sun` is (zenith angle, azimuth) [degree]. All azimuths are relative to the azimuth from which the wind blows.
+    The share is (level, zenith, azimuth). `zeniths` and `turns` are zenith angles and azimuths of the sensor, `sun` is
+    (zenith angle, azimuth) [degree]. All azimuths are relative to the azimuth from which the wind blows.
     """
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
@@ -146,7 +147,10 @@ class _Facets:
     def seen(
         self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
-        """For each facet, (azimuth, facet): share of the sea as the sensor sees it [1], skylight it reflects [1/sr]."""
+        """Share of the sea that each facet covers as the sensor sees it [1], and skylight that it reflects [1/sr].
+
+        Both are (azimuth, facet), for one `zenith` angle and the azimuths `turns` of the sensor relative to the wind.
+        """
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
         incidence = np.clip(slant * self.up, 1e-6, 1.0)
@@ -164,7 +168,7 @@ class _Facets:
 
 
 def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
-    """Histogram (geometry, level) of `light` (geometry, facet); each weight is split between the adjacent `LEVELS`."""
+    """Weighted histogram (geometry, level) of `light` (geometry, facet), each weight split between two `LEVELS`."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

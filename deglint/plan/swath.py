@@ -131,8 +131,8 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
     """At most one other time and one other tilt of the sensor with less glint than the flight lines of a mission.
 
     The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
-    `FREE` of the view is in glint. If no time (or no tilt) reaches this, the one with the least glint is taken if its
-    share in glint is below `GAIN` times the share on the best heading. Empty if a heading of `line` is good.
+    the share `FREE` of the view is in glint. If there is none, the time (or tilt) with the least glint is selected, if
+    its share is below `GAIN` times that on the best heading of `line`. Empty if a heading of `line` is good.
     """
     if line.is_good:
         return ()
@@ -141,7 +141,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
-    """Select one of the alternatives as in `alternatives`, or None; `tried` yields the nearest first."""
+    """Select a time or tilt by the rules of `alternatives`; `tried` yields the nearest time or smallest tilt first."""
     found = []
     for one in tried:
         if one.fraction <= FREE:
@@ -177,7 +177,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """Lines of text: the recommended heading, or that any or none is good; and alternatives."""
+    """Lines of text: the recommended heading, or that any heading or no heading is good; and the alternatives."""
     out = [line.words(), *(one.words(line.view) for one in others)]
     if not line.is_good and not others:
         out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")

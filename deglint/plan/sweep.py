@@ -50,7 +50,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
     """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
-    If it never is within 24 hours: the time when the sun is highest. `start` is now by default.
+    If the sun is never so high within 24 hours: the time when it is highest. `start` is by default the current time.
 
     >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
     '2026-06-21T14:20:00'
@@ -84,7 +84,7 @@ def best_moment(moments: Sequence[Moment]) -> Moment | None:
 
 
 def table(moments: list[Moment]) -> list[str]:
-    """The sweep as lines of text, one line for each time."""
+    """Lines of text: titles of the columns, then one line for each time of a sweep."""
     out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:
@@ -101,7 +101,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """The sweep as values for JSON."""
+    """Mission, best time, and summaries of all times of a sweep, as values for JSON."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -113,9 +113,7 @@ class WindEnsemble:
     """Glint and contrast of a mission under all winds of an interval.
 
     The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
-    plus or minus `turn` [degree], 180 for any direction.
-
-    Raises InputError: a value is out of range.
+    plus or minus `turn` [degree], 180 for any direction. Raises InputError: a value is out of range.
     """
 
     def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
@@ -144,7 +142,7 @@ class WindEnsemble:
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
 
     def words(self) -> list[str]:
-        """Text: the best viewing geometry, and its intervals."""
+        """Text: the best viewing geometry, and the intervals of contrast and glint probability there."""
         geometry = self.best
         if geometry is None:
             return ["No viewing geometry is good under all of these winds."]
@@ -157,7 +155,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """The intervals as values for JSON, with the share of winds that exclude each viewing geometry."""
+        """Winds, intervals at the best viewing geometry, and share of winds that exclude each geometry, for JSON."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

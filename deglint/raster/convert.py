@@ -148,7 +148,7 @@ def encode(
 
 
 def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
-    """Write `put` into `raw` in the type of `raw`, where `good`; all are (row, column).
+    """Write `put` into `raw` in the type of `raw`, where `good` is True; all are (row, column).
 
     Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of
     values that were clipped, and of integers that were moved. `put` may be changed.

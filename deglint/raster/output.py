@@ -230,8 +230,8 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
     GDAL appends overviews to the file. A COG needs all headers first, then the blocks of the smallest overview, and the
     blocks of the image last. GDAL's GTiff driver writes this order when it copies a file; `options` are the creation
-    options of the copy. A pixel of an overview is the mean of the valid pixels in it, or without `average` (for flags)
-    the nearest pixel.
+    options of the copy. A pixel of an overview is the mean of the valid image pixels that it covers, or, if `average`
+    is False (for flags), the nearest image pixel.
     """
     import rasterio
     from rasterio.enums import Resampling

@@ -152,7 +152,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Check, before any computation, that outputs end in one of `kinds` (".png", ...), and then by `check_targets`."""
+    """Check, before any computation, that outputs end in one of `kinds` (".png", ...) and pass `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")

@@ -197,8 +197,7 @@ class RasterSource:
 class ArraySource(RasterSource):
     """Pixels of a scene from a (band, row, column) numpy or dask array; reads return copies.
 
-    Only the requested window of a dask array is computed. If the array is a part of the scene, `origin` is the row and
-    column of its first pixel in the scene.
+    Only the requested window of a dask array is computed. `origin`: place (row, column) of the array in the scene.
     """
 
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:

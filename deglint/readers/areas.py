@@ -52,7 +52,11 @@ def _in_window(bounds: Window, window: Window) -> Mask:
 
 
 def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
-    """Mask (row, column) of `window`: pixels whose centres lie in a polygon; `shapes` are in the CRS of the scene."""
+    """Mask (row, column) of `window`, True at pixels whose centres lie in one of the polygons `shapes`.
+
+    `shapes` are in the CRS of the scene, and `transform` is that of the scene. `bounds` is the window of pixels that
+    contains all polygons; pixels outside it are False.
+    """
     from rasterio.features import geometry_mask
 
     (top, bottom), (left, right) = window
@@ -76,9 +80,10 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area that the value `text` of an option gives: a GeoJSON file, a mask raster, or a window of pixels.
+    """The area that a user gives as `text`: a GeoJSON file, a mask raster, or a window of pixels.
 
-    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin. InputError if it lies off the scene.
+    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin. `option` is the name of the command-line
+    option, for messages. InputError if the window or the polygons lie outside the scene.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -105,10 +110,10 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """The area of the polygons in a GeoJSON document; `name` is for messages.
+    """The area of the polygons in a GeoJSON document; `name`, the name of its file, is for messages.
 
-    The member `crs` of the document names its CRS. Without it, coordinates are longitude and latitude (RFC 7946), or
-    in the CRS of the scene if they are too large for that. If the scene has no CRS, they are in its coordinates.
+    The member `crs` of the document names the CRS of the polygons. Without `crs`, coordinates are longitude, latitude
+    (RFC 7946), or in the CRS of the scene if they exceed 360 or 90. If the scene has no CRS, its coordinates are meant.
     """
     from rasterio.warp import transform_geom
 
@@ -142,7 +147,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON polygons of the True parts of a mask; `origin` is the row and column of its first pixel in the scene."""
+    """GeoJSON polygons around the True pixels of a mask; `origin` is row and column of the mask in the scene."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -180,7 +185,7 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
-    """Yield polygons of parsed GeoJSON with closed rings of (x, y). Raises InputError: a ring has under 3 corners."""
+    """Yield polygons of the GeoJSON file `name`, with closed rings of (x, y). InputError: a ring of under 3 corners."""
     for kind, coordinates in geometries(document):
         several = kind == "MultiPolygon" and isinstance(coordinates, list)
         for polygon in coordinates if several else [coordinates] if kind == "Polygon" else []:
@@ -194,7 +199,7 @@ def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that a GeoJSON document names, by default WGS 84 longitude and latitude."""
+    """The CRS that a GeoJSON document names, by default WGS 84 longitude and latitude; `name` is that of its file."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

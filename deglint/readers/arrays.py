@@ -127,10 +127,10 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
 
 
 def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
-    """Attributes that are lists with one entry per band, reduced to the bands in the array.
+    """Attributes that are lists with one entry per band, reduced to the `count` bands in the array.
 
-    When bands are selected in xarray, such lists keep the entries of all bands. If the bands are numbered from 1, as by
-    rioxarray, the numbers select the entries.
+    `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists keep the
+    entries of all bands. If the bands are numbered from 1, as by rioxarray, the numbers select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -148,7 +148,7 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
 def _bands(
     array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
 ) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
-    """Names of the bands, and tags of each band; both from coordinates along the bands and from attributes."""
+    """Names of the bands, and tags of each band, from coordinates along the bands and from `lists` (of `_lists`)."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
         for name, coord in array.coords.items()
@@ -209,7 +209,11 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
-    """The affine transform from the coordinates; a declared one is used if it agrees, as its numbers are exact."""
+    """Affine transform from the coordinates of the dimensions `rows` and `columns` (their names).
+
+    If `grid` (attributes of the grid mapping) or the array declares a transform that agrees with the coordinates, the
+    declared transform is used, as its numbers are exact.
+    """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
     x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))

@@ -46,8 +46,8 @@ _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Bands of a scene, the name of the sensor preset that was used (or None), and notes.
 
-    `stems` has, for each band, the name of its file without ending, or "". It is used if the band has no name.
-    `sensor` is the preset or .toml file that the user selected.
+    `stems` has, for each band in `info`, the name of its file without ending, or "". A band without a name gets that of
+    its file. `sensor` is the preset or .toml file that the user selected.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -77,9 +77,9 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """Complete the bands from the selected preset, else from the preset that a tag of the file names, if that fits.
+    """Complete the bands from the selected preset; without one, from the preset named in a tag, if that preset fits.
 
-    Returns the bands, the name of the preset that was used (or None), and notes.
+    `unnamed` as in `apply_sensor`. Returns the bands, the name of the preset that was used (or None), and notes.
     """
     if sensor is not None:
         asked = sensor_of(sensor)
@@ -117,7 +117,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 
 def nominal_pixel(scene: Scene) -> float | None:
-    """Nominal pixel size [m] of the sensor of a scene, stated or identified by the band names; None if unknown."""
+    """Nominal pixel size [m] of the sensor that is stated for a scene, else identified by band names; None: unknown."""
     sensor = sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
     return positive(sensor.pixel) if sensor else None
 
@@ -125,7 +125,7 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Sentinel-2 is identified by B02 (with the zero), B8A or B12, or by B8 without B5 (Landsat 8: pan and NIR).
+    Sentinel-2 is identified by B02 (with the zero), B8A or B12, or by B8 without B5 (in Landsat 8, pan and NIR).
     Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
     """
     plain = [sensors.normalise(n) for n in names]
@@ -139,7 +139,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band: description, else file, else colour, else "band N"; and the 0-based bands only numbered."""
+    """One name per band: description, else file (`stems`), else colour, else "band N"; and 0-based unnamed bands."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -185,7 +185,7 @@ def apply_sensor(
 ) -> tuple[list[Band], list[str]]:
     """Fill missing wavelengths, widths, time offsets and groups from a preset; return the bands, and notes.
 
-    `unnamed` are the 0-based bands whose name is only their number; they get the preset's name.
+    `unnamed` are the 0-based bands whose name is only a number; they get the name of their band in the preset.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = []
@@ -206,7 +206,10 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for each band (or None), and how they were matched; BandError if the preset does not fit."""
+    """The preset's band for each band (or None), and by what they were matched ("name", ...), for a note.
+
+    `unnamed` as in `apply_sensor`. BandError if the preset does not fit.
+    """
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
         return by_name, "name"

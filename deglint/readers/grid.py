@@ -83,14 +83,14 @@ def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int
 
 
 def _transform(info: RasterInfo | Scene) -> Any:
-    """The affine transform of a file; if it has none, a transform to the unit square."""
+    """The affine transform of a file; if it has none, the transform that maps the whole raster to the unit square."""
     if info.transform is not None:
         return info.transform
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
 
 
 def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
-    """Bounds (left, bottom, right, top) of a file and the area of its pixels, in the CRS of the file `first`."""
+    """Bounds (left, bottom, right, top) of a file, and area of one of its pixels, in the CRS of the file `first`."""
     transform = _transform(info)
     xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
@@ -122,13 +122,13 @@ def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
 
 
 def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Apply an affine transform to a point or to arrays; the operator for it differs between versions of affine."""
+    """Apply an affine transform to x and y, numbers or arrays; the operator * differs between versions of affine."""
     t = transform
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads class numbers on another grid, by nearest neighbour; `nodata` overrides that of the file."""
+    """Source that reads classes on the grid of `grid`, by nearest neighbour; `nodata` overrides that in the file."""
     file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
     if not same_grid(info, grid):
         file = _warped(file, info, grid, how="nearest")
@@ -139,8 +139,8 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     """Source of the detector number of each pixel, on the grid of the scene; NaN for pixels without a detector.
 
-    `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. They are rasters in products since
-    baseline 04.00; the GML files of older products are not read.
+    `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. In products since baseline 04.00
+    these files are rasters; the GML files of older products are not read.
     """
     each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
     facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
@@ -214,10 +214,7 @@ def pixel_size(scene: Scene) -> float | None:
 
 
 def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
-    """Area of the central pixel of a raster on the ground [m2]; None if `ground_size` returns None.
-
-    Rows and columns need not be perpendicular; the angle between them is taken from the raster's coordinates.
-    """
+    """Area of the central pixel on the ground [m2], for any angle of rows to columns; None if `ground_size` is None."""
     sides = ground_size(transform, crs, height, width)
     if sides is None:
         return None

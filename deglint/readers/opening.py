@@ -1,7 +1,4 @@
-"""Open files as a `Scene`.
-
-Opening reads headers and tags, no pixels. Names may be GDAL names (`/vsizip/`, `zip://`, `/vsis3/`).
-"""
+"""Open files as a `Scene`; only headers and tags are read. GDAL names are allowed (`/vsizip/`, `zip://`, `/vsis3/`)."""
 
 from __future__ import annotations
 
@@ -135,7 +132,11 @@ def _stacked(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
-    """Describe a file. Its alpha band is a band of the scene if `nir`, the user's `count` or the sensor requires it."""
+    """Describe a file; its alpha band is kept as a band of the scene, or left out with a note.
+
+    The alpha band is kept if the user selects it as `nir`, or if only with this band the number of bands is `count` (of
+    the names or wavelengths that the user gives) or fits the preset `sensor`.
+    """
     info = describe_file(path)
     if info.alpha is None:
         return info
@@ -154,7 +155,7 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
     """A copy of `info` with the nodata to use for each band.
 
     `nodata` is used for all bands if given; a text ("none") means no nodata. Otherwise the nodata of the file is kept,
-    or dropped, with a note, where the type of the band cannot hold it. InputError if a type cannot hold `nodata`.
+    or dropped, with a line in `notes`, where the type of a band cannot hold it. InputError if it cannot hold `nodata`.
     """
     if nodata is not None:
         given = None if isinstance(nodata, str) else float(nodata)
@@ -201,7 +202,7 @@ class Stated:
     def of(
         cls, bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None
     ) -> Stated:
-        """Parse and check the options."""
+        """Parse and check the options of `open_scene`: each is a text or a sequence of values."""
         return cls(
             _names(bands),
             tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
@@ -211,11 +212,11 @@ class Stated:
 
     @property
     def count(self) -> int | None:
-        """Number of bands for which names or wavelengths are given; None if there are none."""
+        """Number of bands for which names or wavelengths are given; None if neither is given."""
         return max(len(self.names), len(self.wavelengths)) or None
 
     def on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of `info`, which describes all bands, with these properties; InputError if their number differs."""
+        """A copy of `info` with these properties; InputError if their number is not the number of bands in `info`."""
         total, path = info.count, ", ".join(info.paths)
         scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
         given = {"bands": self.names, "wavelengths": self.wavelengths, "scale": scales, "offset": offsets}

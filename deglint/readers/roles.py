@@ -1,6 +1,6 @@
 """Roles of the bands: the near infrared that shows glint, and blue, green, red and shortwave infrared.
 
-Roles follow from the wavelength, or from the name if there is none, not from the position in the file.
+The role of a band follows from its wavelength, else from its name, not from its position in the file.
 """
 
 import numbers
@@ -63,8 +63,7 @@ def explain_nir(scene: Scene, wanted: Wanted | None = None) -> str:
 def band_roles(scene: Scene) -> dict[str, int | None]:
     """0-based index of the blue, green, red, nir and swir band, or None if there is none.
 
-    Each band has at most one role. swir is the band nearest to 1610 nm inside 1500-1800 nm; if there is none, the band
-    nearest to 2200 nm inside 2000-2400 nm.
+    swir: nearest to 1610 nm inside 1500-1800 nm, else to 2200 nm inside 2000-2400 nm. A band has at most one role.
     """
     return {role: _by_role(scene, role) for role in _ROLES}
 
@@ -129,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for `--bands`; it keeps names with a known wavelength. `hidden`: it ends in "nir" for the alpha band."""
+    """Example for `--bands`; names are kept if wavelengths are known. `hidden`: "nir" is added for the alpha band."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

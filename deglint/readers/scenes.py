@@ -38,7 +38,7 @@ _STAC_PATIENCE = 60.0  # timeout of a server that sends Items [s]
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, and the properties of its bands in a STAC Item; there are none for a file without an Item."""
+    """A file, and the properties of its bands in a STAC Item; `bands` and `tags` are empty without an Item."""
 
     path: str  # GDAL name
     bands: tuple[ProductBand, ...] = ()
@@ -67,10 +67,9 @@ def assets_of(name: str) -> list[Asset]:
 
 
 def files_of(name: str) -> tuple[str, ...]:
-    """GDAL names of all files that a name stands for.
+    """GDAL names of all files that a name stands for: a STAC Item and the files of its bands, or files of a product.
 
-    For a STAC Item they are the Item and the files of its bands; for a product, the files of the product; otherwise, or
-    if the Item cannot be read, the name itself.
+    If the name is neither a STAC Item nor a product, or cannot be read, the result is the name itself.
     """
     try:
         assets = assets_of(name)
@@ -116,7 +115,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands: those with the `keys`, else those declared; `path`: its name."""
+    """The assets of an Item that are its bands: those with the `keys`, else as `_chosen`; `path` is the Item's name."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -141,7 +140,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of assets that are bands: assets with one band each, by wavelength, or one asset. `what` names the Item."""
+    """Keys of the assets that are bands: of one band each, by wavelength, or one with all; `what` names the Item."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -170,8 +169,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
     """Common name and properties of each band of an asset; `file` is the GDAL name of its file.
 
-    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). `key` is the name of a
-    band without one. `applied`: the provider has applied the offset; the returned one is 0.
+    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). A band without a name
+    gets the name `key`. `applied`: the provider has applied the offset, so that the returned offset is 0.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]

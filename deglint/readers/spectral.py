@@ -74,7 +74,7 @@ _NEAR_NOMINAL = 0.4
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
-    """Wavelength and width of every band, from the tags of the band, else from a list in the tags of the file."""
+    """Wavelength and width [nm] of every band, from the tags of the band, else from a list in the tags of the file."""
     unit = _first(info.tags, _UNIT_TAG, "")
     wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
     unknown: list[tuple[float | None, str]] = [(None, "")]
@@ -104,7 +104,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` with wavelength, width and full scale in each band's tags; missing ones come from the file's."""
+    """A copy of `info` with wavelength, width and full scale in the tags of each band, else taken from file tags."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -120,8 +120,8 @@ def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
 def saturation(info: RasterInfo, band: int) -> float | None:
     """Physical value from which on a band is saturated; None if not known.
 
-    `band` is 0-based. The tag FULL_SCALE of the band or of the file has the file value. Without this tag, it is the
-    largest value of an integer type of up to 16 bits, as wider types are never filled. None if that value is nodata.
+    `band` is 0-based. The file value is in the tag FULL_SCALE of the band or of the file. Without this tag, the file
+    value is the largest of an integer type of up to 16 bits (wider types are never filled). None if that is nodata.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -146,7 +146,7 @@ def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> li
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
-    """The numbers, each with its unit or "", in the first tag that matches `key` and has `count` numbers; else none."""
+    """The numbers, each with its unit or "", in the first tag that matches `key` and has `count` numbers; else []."""
     for value, match in _matching(tags, key):
         numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == count:

@@ -78,8 +78,8 @@ def undeclared(scene: Scene) -> Undeclared:
     """Find undeclared nodata, the missing offset of a subset of a Sentinel-2 product, and the NIR of four bands.
 
     Nodata is searched for if neither the file nor the caller declares it. It is a value that is equal in all bands over
-    at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or hold
-    squares of `SOLID` pixels. Findings are also written to the log. A scene is searched only once.
+    at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a
+    square of `SOLID` x `SOLID` pixels. Findings are also written to the log. A scene is searched only once.
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
@@ -117,7 +117,10 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """Find nodata: a value equal in all bands over whole areas. A band where it is frequent elsewhere has no nodata."""
+    """Find nodata, a value that all bands have over whole areas of the `blocks`, (tile, file values).
+
+    A band that also has the value in many pixels where other bands differ gets no nodata.
+    """
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
     value = _commonest(same)
     if value is None:
@@ -147,7 +150,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray
 
 
 def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
-    """The most frequent value of pixels that are equal in all bands; values of 0 and below take precedence."""
+    """Most frequent value of pixels that are equal in all bands (masks in `same`); values up to 0 take precedence."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -175,14 +178,14 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _four(scene: Scene) -> bool:
-    """Whether the scene has four bands with neither names nor wavelengths, or only the last is without."""
+    """Whether the scene has four bands: the last without name and wavelength, the others not known beyond `VISIBLE`."""
     waves = [b.wavelength for b in scene.bands]
     unnamed = len(waves) == 4 and waves[3] is None and scene.names[3] == "band 4"
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
 def _order(info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
-    """Add the wavelengths of four bands to the findings if brightness and variation agree with the usual order."""
+    """Add wavelengths of four bands to the findings if brightness and variation in `blocks` agree with `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
@@ -208,7 +211,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found
 
 
 def _percentiles(blocks: list[tuple[Any, Any]], nodatas: Sequence[float | None], percent: float) -> list[float]:
-    """Percentile of the valid file values of each band; infinite for a band without any."""
+    """A percentile of the valid file values of each band in `blocks`, (values, valid); infinite if none is valid."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for raw, valid in blocks])

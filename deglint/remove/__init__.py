@@ -1,10 +1,10 @@
-"""Removal of glint: one module per method, arrays only.
+"""Removal of glint from arrays: one module per method.
 
 `METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. To add a
 method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a
 line here, and a test against a published or independent value.
 
-This package does not deal with files, tiles, threads, masks or logging.
+This package does not deal with files, tiles, threads, water masks or logging.
 """
 
 import math
@@ -130,7 +130,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """The block as floating point, and the mask (row, column) of its sample; InputError if a shape is wrong."""
+    """The block as floating point, and the sample mask (row, column), by default all True; InputError: wrong shape."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
@@ -143,7 +143,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
 
 
 def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
-    """Fit a method that uses no neighbouring pixels to blocks (band, row, column) and sample masks (row, column)."""
+    """Fit a pointwise method to blocks (band, row, column); `masks` (row, column): True for pixels of the sample."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -187,7 +187,7 @@ def nir_request(
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
-    """Place in `nir` of the first NIR band in the group of a band; InputError if there is none."""
+    """Index in `nir` of the first NIR band taken at the same time (`Band.group`) as `band`; InputError without one."""
     for k, reference in enumerate(nir):
         if bands[reference].group and bands[reference].group == bands[band].group:
             return k

@@ -1,7 +1,7 @@
 """Subtract the local mean of the bands, so that slopes depend on waves and not on the colour of the water.
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
-subtraction of a local mean from every band, the slope is nearly constant over the sea. Arrays only.
+subtraction of a local mean from every band, the slope is nearly constant over the sea.
 """
 
 import numpy as np
@@ -50,7 +50,7 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Fl
 
 
 def _halves(values: Float64) -> tuple[Float64, Float64]:
-    """Two values whose sum is the given value: its upper 26 bits, and the rest (Veltkamp splitting)."""
+    """Two arrays whose sum is `values`: the upper 26 bits of each value, and its lower bits (Veltkamp splitting)."""
     with np.errstate(over="ignore", invalid="ignore"):
         apart = values * _VELTKAMP
         upper = apart - (apart - values)

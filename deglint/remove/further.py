@@ -25,14 +25,14 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
 
     Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
     plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without red
-    edge, and the results are compared in the half of the pixels with less glint. The difference, averaged over
-    `EVEN_SIDE` pixels, must have a standard deviation of at most `MOST_TAKEN` times the noise.
+    edge, and the results are compared in the half of the pixels with less glint. In each band the difference, averaged
+    over `EVEN_SIDE` x `EVEN_SIDE` pixels, must have a standard deviation of at most `MOST_TAKEN` times the noise.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands to correct (0-based) from `FURTHER_FROM` on; the shortest are dropped until `serve(bands)` is True."""
+    """0-based bands to correct, from `FURTHER_FROM` on; the shortest wave is dropped until `serve(bands)` is True."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):
@@ -43,8 +43,8 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> float:
     """How much the references `more` (0-based bands) change the removal over water with weak glint.
 
-    The result is the largest ratio, of all bands, of the standard deviation of the averaged change to the noise. It is
-    infinite if nothing could be tested.
+    The result is the standard deviation of the averaged change divided by the noise, in the band where this ratio is
+    largest. It is infinite if nothing could be tested.
     """
     import cv2
 

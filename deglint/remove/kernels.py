@@ -3,10 +3,10 @@ r"""Kernels that predict bands from neighbourhoods of references: their fit, the
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
 The vector v(x) lists the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b); the
-mean is subtracted from all. One Gram matrix G is kept for each square of `CELL` x `CELL` pixels of the sample. The
-response of a kernel is the sum of its coefficients; its support is the side of its window on each reference. Groups of
-squares are left out in turn. The support is selected by the residuals in the squares that are left out
-(cross-validation); the scatter of the responses gives their jackknife covariance. Arrays only.
+mean is subtracted from all. lambda is a small ridge. One Gram matrix G is kept for each square of `CELL` x `CELL`
+pixels of the sample. The response of a kernel is the sum of its coefficients; the support of a kernel is the side of
+its window on each reference. Groups of squares are left out in turn. The support is selected by the residuals in the
+squares that are left out (cross-validation). The scatter of the responses gives their jackknife covariance.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class LagGrams(NamedTuple):
         return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
-        """Rows of a Gram matrix that a kernel of this side [pixel] on one reference (0-based) uses."""
+        """Rows of a Gram matrix that a kernel of this side [pixel] on one reference (0 for the first) uses."""
         inside = set(offsets(side))
         return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
 
@@ -81,10 +81,10 @@ def gather(
 ) -> LagGrams:
     """Gram matrices of the squares of one tile; squares with too few pixels are omitted.
 
-    references, bands : (row, column) each
+    references, bands : arrays (row, column) of the tile, one for each reference and band to predict
     sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
         counts if the largest kernel around it covers only such pixels
-    size : side of the window around each pixel whose mean is first subtracted from it; 0 for none [pixel]
+    size : side of the window around each pixel [pixel]; its mean is first subtracted from the pixel; 0 for no mean
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
@@ -130,7 +130,7 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
-    """The matrices of several tiles, in their order."""
+    """One `LagGrams` with the squares of several tiles, in the order of the tiles."""
     grams, pixels, places, references = zip(*parts, strict=True)
     return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), references[0])
 
@@ -201,7 +201,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power over the band's power, (group, band); kernels are fitted to the other groups, if there are any."""
+    """Residual power (group, band) of kernels fitted to the other groups, if any, divided by the power of the band."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -209,7 +209,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the best for all, or its own if clearly better; `losses`: (group, band) by support."""
+    """Support of each band: the best for all bands, or for this one if clearly better; `losses`: see `_held_out`."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -221,7 +221,7 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports, smallest first, that have at most `WORTH` more noise than the best, or at most one standard error more.
+    """Supports, smallest first, with at most `WORTH` (relative) or one standard error more noise than the best one.
 
     losses : residual power (group,) by support
     """
@@ -236,7 +236,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Change of each band (output,) if its NIR rises by 1, and other references rise as predicted from the NIR."""
+    """Change of each band (output,) if its NIR rises by 1, and other references by their prediction from the NIR."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -252,8 +252,8 @@ def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
-    with s_{-g} the responses without group g. If a band has several fits (kinds of strips), s is their mean, weighted
-    by pixels. With fewer than two groups, the standard error of a response is the response itself.
+    with s_{-g} the responses without group g of squares. If a band has several fits (kinds of strips), s is the mean of
+    the fits, weighted by pixels. With fewer than two groups, the standard error of a response is the response itself.
     """
     share = np.zeros(bands)
     for f in found:

@@ -66,17 +66,17 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
 
     The mode is the peak of a Gaussian kernel density (Parzen 1962). Its bandwidth h = (4/5)^(1/7) s n^(-1/7) is the
     optimum for the derivative of a density (Silverman 1986); the optimum for the density itself leaves several local
-    maxima. The scale s is 1.4826 times the median distance from the mode of the values below the mode. It
-    is determined together with the mode by iteration, so that glint, which lies above, does not affect it. The density
-    is computed on a histogram of bins h/8 wide, and a parabola refines the peak. Where values come in steps (integers,
-    or integers times a scale), a bin contains an integer number of steps and is centred on them.
+    maxima. The scale s is 1.4826 times the median distance of the values below the mode to the mode. Scale and mode are
+    determined together by iteration, so that glint, which lies above the mode, does not affect s. The density is
+    computed on a histogram of bins h/8 wide, and a parabola refines the peak. Where values come in steps (integers, or
+    integers times a factor), a bin contains an integer number of steps and is centred on them.
 
     Raises FitError: there are no values.
 
     Notes
     -----
-    Assumes one main peak. Equivariant under shift and scale (to rounding). The error falls with n^(-2/7); a half-sample
-    mode, the usual alternative, is several times noisier at the same n. Costs one sort and a few passes.
+    Assumes one main peak. If values are shifted or scaled, so is the mode (to rounding). The error falls with n^(-2/7);
+    a half-sample mode, the usual alternative, is several times noisier at the same n. Costs one sort and a few passes.
     """
     if sample.size == 0:
         raise FitError("the mode of no values was asked for; the sample is empty.")
@@ -98,11 +98,11 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
 
 
 def even_share(sample: npt.NDArray[np.floating]) -> float:
-    """Share of the variance of values (pixel,) that is distributed evenly about their median.
+    """Share of the variance of values (pixel,) that is symmetric about their median.
 
-    It is about 1 for noise and nearly 0 for glint. Glint only adds light, so variation below the median has other
-    causes, noise or reflected sky, which contribute as much above it. The share is 2 L / (L + U), with L and U the mean
-    square distances of the lower and of the upper half from the median. It is above 1 if the lower half is wider.
+    The share is about 1 for noise and nearly 0 for glint. Glint only adds light, so variation below the median has
+    other causes, noise or reflected sky, which contribute as much above the median. The share is 2 L / (L + U), with L
+    and U the mean square distance from the median in the lower and in the upper half. If L > U, the share is above 1.
 
     Raises FitError: there are no values.
 
@@ -154,7 +154,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the highest count, refined by a parabola; the middle of several equal counts."""
+    """Position [bin] of the highest of `counts` (bin,), refined by a parabola; of several equal ones, their middle."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -166,7 +166,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """The sample without pixels near strong glint, which resampling darkens; `together`: prediction; (row, column)."""
+    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: prediction of NIR."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -192,18 +192,18 @@ def shared_level(
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Level of each band, (band,), and three levels common to the bands [unit of the NIR].
 
-    slopes : (band,), glint of the band over glint of its NIR
-    visible : (band,), True for visible bands; they limit the NIR of the water
-    resolved : pixels are smaller than waves
+    slopes : (band,), glint of the band divided by the glint of its NIR
+    visible : (band,), True for visible bands, which limit the possible NIR of the water
+    resolved : True if pixels are smaller than waves
 
     The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
     least prediction over the sample, raised so that (almost) no pixel becomes negative. But where every pixel may have
-    glint, because it contains several waves, the level may be lower. It is then estimated from the excess of a band b
-    (slope s) over the predicted NIR p: b / s - p = w_b / s - w_NIR, which depends on the water w and not on glint. In a
-    visible band, w_NIR is at most `DARKER` times w_b / s, and so at most `DARKER` / (1 - `DARKER`) times the excess.
-    The level is also not so low that the least glint would exceed `LEAST_OF_MEDIAN` times the median glint. Where waves
-    are resolved, some face away from the sun, so that the level is not lower than the least prediction. Errors of the
-    kernels make single pixels negative there; so only local means must be positive.
+    glint, because it contains several waves, the level may be lower. It is then estimated from b / s - p, with b the
+    value of a band, s its slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the
+    values of the water, and contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at
+    most `DARKER` / (1 - `DARKER`) times the excess. The level is also not so low that the least glint would exceed
+    `LEAST_OF_MEDIAN` times the median glint. Where waves are resolved, some face away from the sun: the level is then
+    not below the least prediction. As kernels then make single pixels negative, only local means must be positive.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = _span(sample, together), float(np.median(together))
@@ -221,7 +221,7 @@ def shared_level(
     excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
 
     def positive(where: Mask, negative: float) -> float:
-        """Lowest level, up to the median, with at most `negative` % of the pixels `where` below 0, more than before."""
+        """Lowest level, up to the median, that makes at most `negative` % more of the pixels `where` negative."""
         short = [
             (_highest(over[inside], negative + 100 * below) - at) / u
             for over, v, at, u in zip(excess, value, level, unit, strict=True)
@@ -251,19 +251,19 @@ def _highest(values: FloatArray, share: float) -> float:
 
 
 def _normal_tail(together: FloatArray) -> bool:
-    """Whether the lower half of the predictions is noise, so that most pixels have no glint."""
+    """Whether the lower half of the predictions `together` (pixel,) is noise, so that most pixels have no glint."""
     least, low, middle = np.percentile(together, [1.0, 10.0, 50.0])
     return bool(middle - least > NORMAL_TAIL * (middle - low)) and even_share(together) < RARE
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """Glint of each band over the mean glint, weighted by `slopes`, (band,); 1 unless all bands have positive glint."""
+    """`glint` (band,), divided by its mean with the weights `slopes`; all 1 if the glint of a band is not positive."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
 def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
-    """Highest possible NIR of the water, from the excess of visible bands (`shared_level`); infinite without them."""
+    """Highest possible NIR of the water, from the excess of the bands that are `visible`; infinite without any."""
     if visible is None or not visible.any():
         return np.inf
     together = slopes @ sample.prediction
@@ -285,9 +285,9 @@ def shared_level_error(
     """Standard error of the level [unit of the NIR]; the arguments are as for `shared_level`.
 
     It is estimated by the jackknife over groups of neighbouring pixels. Where every pixel may have glint, a second term
-    is added. The true level then lies between the lowest possible one and the chosen one, with a probability that rises
-    linearly to the chosen one: the standard error is the length of this interval over the root of 6. The interval is
-    extended to the highest NIR that water can have, as errors of the removal may have raised the lowest level above it.
+    is added. The true level then lies between the lowest possible and the chosen level, with a probability density that
+    rises linearly to the chosen one: the term is the length of this interval divided by the root of 6. The interval is
+    extended down to the highest NIR that water can have, as errors of the removal may have raised the lowest level.
     """
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]

@@ -5,8 +5,8 @@ r"""Mixture: removal of the weak glint that is left after strong glint was repla
 with r the NIR and red-edge references and o the offsets in 3 x 3 pixels. The kernels k are fitted without subtraction
 of a local mean: the signal that remains after an opening is faint glint, swell and reflected sky, which vary over
 longer distances. This signal is symmetric about its level p_b0, so p_b - p_b0 may be negative. The kernels minimise the
-root mean square residual of a square of the sample, summed over all squares. This gives little weight to squares with
-an object under glint, to which least squares would be sensitive.
+sum, over squares of pixels of the sample, of the root mean square residual in the square. This sum gives little weight
+to squares with an object under glint, to which least squares would be sensitive.
 
 This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
 bottom. Red edge is not used if it would remove a turbid plume in the sample.
@@ -118,7 +118,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Share of a plume in the tiles that a removal with references `nir` and `more` keeps; least of all bands."""
+    """Share of an added plume that a removal with 0-based references `nir` and `more` keeps; the least of all bands."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -68,7 +68,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights of the references (variables of the sample) for a band, and the explained share of its variance."""
+    """Weights (reference,) and explained share of variance for a band; `band`, `references`: indices of variables."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

@@ -1,4 +1,4 @@
-"""Noise and robust standard deviation of a band. Arrays only."""
+"""Noise and robust standard deviation of a band."""
 
 from collections.abc import Sequence
 
@@ -37,12 +37,12 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
 
 
 def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
-    """Weight of each pixel (row, column) in a fit of kernels: the variance of noise over the variance of its residual.
+    """Weight (row, column) of each pixel in a fit of kernels: variance of noise divided by variance of the residual.
 
     .. math:: 1 / (1 + (h / (k s))^2)
 
-    The residual is noise plus an error proportional to the glint h: the NIR minus its local mean (over `size` pixels,
-    or 15 if 0). s is the standard deviation of noise in the NIR, k is `FAINT`. Outside the sample the weight is 0.
+    The residual is noise plus an error proportional to the glint h. h is the NIR minus its mean over a square of `size`
+    pixels (15 if 0), s the standard deviation of noise in the NIR, k is `FAINT`. Outside the sample the weight is 0.
     """
     high = detrend(nir[None], sample, size or SIZE)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))

@@ -1,7 +1,7 @@
 """Apply a model: predict the glint in each band, pixel by pixel or from a neighbourhood of the references.
 
 The result does not depend on tiles, to the bit. As the filters of OpenCV process the last columns of an image with
-other instructions, spare columns are added first and removed afterwards. Arrays only.
+other instructions, spare columns are added first and removed afterwards.
 """
 
 from collections.abc import Mapping
@@ -88,7 +88,7 @@ def glint(
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
     and never negative unless the model is signed. Also returns a mask, (row, column), of water pixels that were
-    replaced in a reference: there they exceed their surroundings by more than glint does (see `clean`). None: no pixel.
+    replaced in a reference, where they exceed their surroundings by more than glint does (see `clean`); None if none.
     """
     height, width = water.shape
     top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays

@@ -4,8 +4,7 @@ A ship is as bright in the NIR as glint, and would be removed with it. Glint has
 sea. So a pixel that exceeds the mean of the water around it by more than glint does elsewhere is not glint, and is
 replaced by that mean. Land, nodata, and the mixed pixels along their edges are replaced in the same way.
 
-Local means are computed from sums of integers, which are exact: the result does not depend on tiles, to the bit. Arrays
-only.
+Local means are computed from sums of integers, which are exact: the result does not depend on tiles, to the bit.
 """
 
 from collections.abc import Iterable, Iterator
@@ -78,7 +77,7 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the squares of `CELL` x `CELL` pixels of which the sample covers at least `LEAST_OPEN`."""
+    """Yield (row, column) slices of the squares of `CELL` x `CELL` pixels with a share of sample from `LEAST_OPEN`."""
     for row in range(0, sample.shape[0], CELL):
         for column in range(0, sample.shape[1], CELL):
             square = slice(row, row + CELL), slice(column, column + CELL)
@@ -132,7 +131,7 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Sum of the quantised values over the kept pixels in the square around each pixel, and their number."""
+    """Sum of the quantised values of pixels `kept` in a square around each pixel, and number of pixels in the sum."""
     import cv2
 
     square = SIZE, SIZE

@@ -62,7 +62,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics to gather for a regression: moments, and single pixels if the regression or the level needs them."""
+    """Statistics to gather for a regression: moments, and single pixels if it needs them or `keep_index` is True."""
     size = DETREND_SIZE if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

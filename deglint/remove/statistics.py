@@ -5,7 +5,7 @@ moments are merged by cell, single pixels are selected by their position in the 
 
 Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
 cells (the cluster-robust estimate of Liang and Zeger 1986), else between pixels as if they were independent. A cell
-with much of the glint dominates the slope, so that its residuals are too small. They are divided by the share of the
+with much of the glint dominates the slope, so that its residuals are too small. Residuals are divided by the share of
 glint in the other cells (CR3 of Bell and McCaffrey 2002, the jackknife; Cameron and Miller 2015, section VI.B).
 
 References
@@ -91,7 +91,7 @@ class SampleStatistics:
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
-        """Kept values of index k, (pixel,)."""
+        """Values of glint index k in the single pixels that are kept, (pixel,)."""
         first = len(self.plan.bands) if self.plan.keep == "all" else 0
         return self.values[first + k]
 
@@ -158,7 +158,7 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """For each index the first pixel of the mask where `sign` times the index is smallest; empty without a pixel."""
+    """For each index, `variables[bands:]`, the first pixel of the mask with the least `sign` times index, if any."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
@@ -189,7 +189,7 @@ def huber(stats: SampleStatistics) -> Float64:
 
 
 def theil_sen(stats: SampleStatistics) -> Float64:
-    """Slopes (band, index) by the median over all pairs (SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
+    """Slopes (band, index): median slope over all pairs (SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
     from scipy.stats import theilslopes
 
     with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
@@ -206,7 +206,7 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
-    """Standard errors of slopes (band, index), between cells; with few cells, as of independent pixels.
+    """Standard errors of slopes (band, index), between cells; with few cells, as if pixels were independent.
 
     Between G cells the error is ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the comoment of the index,
     h_c the share of cell c in it, and s_c the score of the cell: the comoment of the index with the residual.
@@ -234,7 +234,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     with i the band, r its references, w their weights, C the comoments, s_c the score of cell c (of G cells), and p_c
     the share of cell c in the comoment w^T C w of the glint. V is the cluster-robust covariance of w (CR3 of Bell and
     McCaffrey 2002, with the leverage of the weighted sum instead of the leverage of each reference). With one reference
-    the error is the standard error of the slope over the slope.
+    the error is the standard error of the slope divided by the slope.
 
     The error is infinite if the sample spans fewer than `CLUSTERS` cells or the glint does not vary. The reliability is
     the effective number of cells, (sum p)^2 / sum p^2. It is small if few clumps of sparkle contain most of the glint:
@@ -259,8 +259,8 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """References of a band among the plan's variables: places and weights (reference,). The only reference is the index
-    of the band if the plan has it; else they are the bands of this index.
+    """References of a band: their indices among the variables of the plan, and their weights (reference,). The only
+    reference is the glint index of the band if the plan has it; else the references are the bands of this glint index.
     """
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
@@ -278,7 +278,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
-    """Slopes (band, index) by a function of the index and the band, on at most `most` pixels, evenly spread."""
+    """Slopes (band, index) = `slope_of`(values of the index, of the band) in `most` pixels at most, evenly spread."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

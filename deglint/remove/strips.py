@@ -3,7 +3,7 @@
 The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
 that waves are displaced in opposite directions in neighbouring strips. There are therefore two kinds of strips, and one
 kernel for both would fit neither. The kind at a pixel is known from the footprints in the product, or determined from
-the image: the kernels of the two kinds are mirror images of each other. Arrays only.
+the image: the kernels of the two kinds are mirror images of each other.
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ class Strips:
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Numbers of the squares with centres before and after each pixel (pixel,), and its place between them, 0..1."""
+    """Squares (0 to `count` - 1) with centres before and after each pixel (pixel,), and its position between, 0..1."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
 
 
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
-    """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one does; else None.
+    """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one kernel; else None.
 
     In turn, each square is assigned to the kernel with the smaller residual, and each kernel is fitted to its squares.
     The start is the kernel of all squares and its mirror image.
@@ -85,7 +85,7 @@ def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power (square,) of a kernel of 3 x 3 pixels, relative to each band's total; sum over the bands."""
+    """Sum over the bands, (square,), of the residual power of a 3 x 3 kernel divided by the band's total power."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])

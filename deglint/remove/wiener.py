@@ -2,12 +2,12 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 .. math:: L'_b = L_b - \max(p_b - p_{b0}, 0), \qquad p_b(x) = \sum_r \sum_o k_{bro} R_r(x + o)
 
-R_r is a reference: the NIR taken at the time of the band, then SWIR or another NIR if there is one, with ships, surf
-and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by least squares over open
-water, with a local mean subtracted from every band (`deglint.remove.kernels`): they model displacement and blur between
-the glint of two bands, and average the noise of the reference. The sums of their coefficients, the responses to uniform
-glint, are drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or none. The levels p_b0 are
-determined together (`deglint.remove.levels`). Hedley's method has one pixel, no local mean, and the minimum as level.
+R_r is a reference, read at the offsets o: the NIR taken at the time of the band, then SWIR or another NIR if there is
+one, with ships, surf and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by
+least squares over open water, with a local mean subtracted from every band (`deglint.remove.kernels`). They model
+displacement and blur between the glint of two bands, and average the noise of the reference. The sum of coefficients of
+a kernel (response to uniform glint) is drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or
+none. The levels p_b0 are found together (`levels`). Hedley's method has one pixel, no local mean, the minimum as level.
 
 The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
 level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
@@ -133,7 +133,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Place (square, 2) and kind of strip (square,) of a tile's squares with enough water; `pair`: kernels by kind."""
+    """Row and column (square, 2), kind (square,) of a tile's squares with enough water; `pair`: kernel of each kind."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
@@ -163,7 +163,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
-    """Group the bands to correct by references: the NIR taken with them, SWIR or other NIR, `FitRequest.more`."""
+    """Group the bands to correct by references: NIR of the same time, SWIR or another NIR, and `FitRequest.more`."""
     out: dict[tuple[int, ...], list[int]] = {}
     # SWIR near 1610 nm, which does not show turbid water; then a second NIR
     waves = [b.wavelength or 0.0 for b in request.bands]
@@ -271,7 +271,7 @@ def _model(
 def _indexes(
     fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
 ) -> tuple[GlintIndex, ...]:
-    """A kernel for each band, changed from its response s to the posterior response s', over the slope of the band.
+    """A kernel for each band, changed from its response s to the posterior response s', divided by the band's slope.
 
     k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
     `shared`, scaled to the response 1.
@@ -333,9 +333,9 @@ def shared_glint(
 ) -> tuple[Float64, Float64]:
     r"""Weights that estimate the strength of glint from the bands, and new responses of the bands; (band,) each.
 
-    The response of a band is its glint over the glint of its NIR: the sum of its kernel. The strength a of glint with
-    the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are the
-    posterior means, between s and a c.
+    The response of a band is its glint divided by the glint of its NIR: the sum of its kernel. The strength a of glint
+    with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
+    the posterior means, between s and a c.
 
     .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
         s' = a c + P S^{-1} (s - a c)
@@ -362,7 +362,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Possible spectra of glint, (band,), over the NIR of each band: 1; and the sun's if all are in 300..1000 nm."""
+    """Possible spectra of glint, (band,), relative to the band's NIR: all 1; and the sun's if all in 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -11,12 +11,11 @@ from ..jit import njit
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
     """Fill the two arrays (row, column) of `out`: density of slopes at the slope that glints [1], reflected sky [1/sr].
 
-    slopes: slope of each facet, (row, column) complex, east + i north. rows: first row, last row + 1.
-    sparkle: amplitudes of slope (row, column, 4), index into the frequencies (row, column), angular frequencies
-    [rad/s], time [s]; the amplitudes and indices are empty if there is no sparkle.
-    wind: sine and cosine of the azimuth that the wind blows from; factors on the upwind and the crosswind slopes.
-    glint: upwind and crosswind slope that glints; variances of the upwind and the crosswind slope within a facet.
-    table: reflected sky (upwind slope, crosswind slope) [1/sr]; first slope, and step of slope, along both axes.
+    `slopes` (row, column) complex is the slope of each facet, east + i * north; `rows` is (first row, last row + 1).
+    `sparkle` is the result of `facets._draw_sparkle` (amplitudes, index into frequencies, frequencies), and the time
+    [s]. `wind` is the sine and cosine of the azimuth that the wind blows from, and factors on the upwind and the
+    crosswind slopes. `glint` is the upwind and the crosswind slope that glints, and the variances of both slopes within
+    a facet. `table` is the result of `facets._sky_table`, and the first slope and the step of slope of both its axes.
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

@@ -1,6 +1,6 @@
 """Artefacts of a sensor and its processing: striping, resampling, JPEG.
 
-They change the digital numbers, not the radiances of the truth.
+The artefacts change the digital numbers of a scene, not the radiances of its truth.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Artefacts(Checked):
     resampling : {"bilinear", "cubic", "lanczos"}, optional
         How the image is interpolated from the sensor's grid, which is offset by `GRID_SHIFT` pixels, to the map's grid.
     jpeg : int, optional
-        Quality of a JPEG compression, 1 to 100. Each band is compressed separately, as square roots in 8 bits.
+        Quality of a JPEG compression, 1 to 100. Each band is compressed separately, in 8 bits; see `compress`.
     """
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
@@ -39,7 +39,7 @@ class Artefacts(Checked):
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
-    """Multiply each column of a band (row, column) by a random gain with mean 1 and a standard deviation."""
+    """Multiply each column of a band (row, column) by a random gain with mean 1 and standard deviation `deviation`."""
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
     return np.asarray(radiance * np.maximum(gain, 0.0))
 
@@ -59,9 +59,10 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 
 
 def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
-    """Compress a band (row, column) as 8-bit JPEG and decompress it.
+    """Compress the digital numbers (row, column) of a band as an 8-bit JPEG, and decompress them.
 
-    The square root of numbers / `levels` is stored, as in cameras, so that quantisation is proportional to shot noise.
+    Each byte is 255 times the square root of digital number / `levels`, the largest digital number of the sensor: the
+    quantisation step is proportional to the shot noise, as in cameras. `quality` is the quality of the JPEG, 1 to 100.
     """
     import cv2
 

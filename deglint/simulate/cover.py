@@ -1,6 +1,6 @@
 """Opaque cover of the sea: land, foam, and floating targets that move.
 
-It is Lambertian: it reflects neither sun nor sky specularly, and no light from the water passes through it.
+The cover is Lambertian: it reflects neither sun nor sky specularly, and no light from the water passes through it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class FloatingTarget(Checked):
     Attributes
     ----------
     right, down : float
-        Position of its centre at the time of the first band, from the upper left corner of the image [m].
+        Position of the target's centre at the time of the first band, from the upper left corner of the image [m].
     length, width : float
         Size of the hull [m].
     speed, heading : float
@@ -53,7 +53,7 @@ class FloatingTarget(Checked):
 
 
 class Cover:
-    """What covers the sea of a setup: land, foam and floating targets. A label is an index into `materials`."""
+    """What covers the sea of a setup: land, foam and floating targets. Labels of facets are indices in `materials`."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -81,14 +81,14 @@ class Cover:
         np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
-        """Label of each facet at a time [s], (row, column); 0 is open water."""
+        """Label of each facet, (row, column), at a time [s] after the first band; 0 is water without cover."""
         labels = self._fixed.copy()
         for number, target in enumerate(self.setup.targets, start=len(BASE)):
             self._draw(labels, target, number, time)
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw a hull with a pointed bow (label `number`), and its wake: foam, thinner and wider behind the stern."""
+        """Draw in `labels` a hull with a pointed bow (label `number`), and its foam wake, wider and sparser behind."""
         facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
         right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake

@@ -63,7 +63,7 @@ class Facets:
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Density of slopes at the slope that glints [1], and reflected sky per diffuse irradiance [1/sr], at a time.
 
-        Both are float32 by facet, (row, column). `time` is after the first band [s]. `workers` does not change values.
+        Both are (row, column) of facets, float32. `time` is after the first band [s]. `workers` does not change values.
         """
         from ._kernels import reflect
 
@@ -98,8 +98,9 @@ def _draw_sparkle(
 ) -> tuple[Any, Any, Any]:
     """Draw the sparkle: amplitudes of slope and an index into the frequencies for each facet, and frequencies [rad/s].
 
-    `variance` is the slope variance of the sparkle (upwind, crosswind). The amplitudes (row, column, 4) belong to the
-    cosine and the sine of the upwind slope, then of the crosswind slope; they are empty if there is no sparkle.
+    `variance` is the slope variance of the sparkle (upwind, crosswind). Amplitudes (row, column, 4) are factors on the
+    cosine and the sine in time for the upwind slope, then for the crosswind slope. Amplitudes and index (row, column)
+    are empty if there is no sparkle.
     """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
@@ -114,7 +115,7 @@ def _draw_sparkle(
 
 
 def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
-    """Angular frequencies (4096,) [rad/s] of waves shorter than two facets [m], with equal shares of slope variance."""
+    """Angular frequencies (4096,) [rad/s] of waves shorter than 2 `facet` [m], with equal shares of slope variance."""
     k = np.geomspace(np.pi / facet, 2 * np.pi / min(SHORTEST_WAVE, facet), 4001)
     share = np.cumsum(omnidirectional(k, sea) * k**3)
     return np.interp((np.arange(4096) + 0.5) / 4096, share / share[-1], dispersion(k))
@@ -123,7 +124,8 @@ def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
     """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
 
-    It includes the ratio of slope model to Gaussian at `glinting`, the slope that glints; 0 if the Gaussian is 0.
+    It includes the density of the slope model divided by that of the Gaussian at `glinting`, the slope (upwind,
+    crosswind) of `facet`, which reflects the sun into the sensor; it is 0 if the Gaussian is 0.
     """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)
@@ -134,8 +136,8 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
 def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
     """Sky radiance reflected by a facet per diffuse irradiance [1/sr], (upwind slope, crosswind slope) float32.
 
-    It is weighted by the area of the facet that the sensor sees, and smoothed over the slopes within a facet, whose
-    variances are `about`.
+    The radiance is weighted by the area of the facet that the sensor sees, and smoothed over the slopes within a facet,
+    with the variances `about` (upwind, crosswind).
     """
     from scipy.ndimage import gaussian_filter
 

@@ -26,7 +26,7 @@ SPECTRA = {
 
 
 def reflectance(name: str, wavelength: npt.ArrayLike) -> Floats:
-    """Reflectance of a material [1] at wavelengths [nm].
+    """Reflectance [1] of a material, a key of `SPECTRA`, at wavelengths [nm].
 
     >>> reflectance("sand", [475.0, 900.0]).round(3).tolist()
     [0.26, 0.457]

@@ -28,7 +28,7 @@ DEPTH_STEPS = 128  # number of depths at which the light over a bottom is comput
 class Light:
     """Mean light in each band of a setup: irradiances (band,) [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1].
 
-    Sun and sky: Gregg and Carder (1990). Water: case 1. Deep water and objects: models of `deglint.physics.water`.
+    Irradiances follow Gregg and Carder (1990), radiances of deep case-1 water and objects `deglint.physics.water`.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -39,7 +39,7 @@ class Light:
         deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
         def over(depth: Floats | float, albedo: Floats | float) -> Floats:
-            """Water-leaving radiance over a flat Lambertian ground of a reflectance [1] at a depth [m], (band, ...)."""
+            """Water-leaving radiance (band, ...) over a flat Lambertian ground of a reflectance [1] at a depth [m]."""
             column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
             seen = water.submerged_reflectance(
                 Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
@@ -60,7 +60,7 @@ class Light:
             self.bottom = np.asarray([over(self.depths, ground).T for ground in grounds])
 
     def matt(self, materials: Sequence[str]) -> Floats:
-        """Radiance of level Lambertian surfaces, (material, band) [W m-2 sr-1 nm-1]; 0 for the name "" (water)."""
+        """Radiance of horizontal Lambertian surfaces (material, band) [W m-2 sr-1 nm-1]; 0 for the name "" (water)."""
         none = np.zeros(len(self.water))
         rows = [self._mean(reflectance(name, self._wavelength)) if name else none for name in materials]
         return np.asarray(rows) * (self.direct + self.diffuse) / np.pi
@@ -205,7 +205,7 @@ def simulate_together(
 
 
 class _World:
-    """What lies in and on the sea of a setup (bottom, objects, cover), and the light in each band (`lit`)."""
+    """Bottom, submerged objects and cover of the sea of a setup, and the light in each band (`lit`)."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance of facets in a band, (row, column): of the cover where `cover` (label) is above 0, else of water."""
+        """Radiance (row, column) of facets in a band: of the cover where label `cover` is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -242,7 +242,7 @@ class _World:
 
 
 class _Shot:
-    """The scene of one setup while its bands are filled in: radiances, each (band, row, column) float32."""
+    """The scene of one setup while its bands are computed one by one: radiances (band, row, column) float32."""
 
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
@@ -253,7 +253,7 @@ class _Shot:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image of a scene in band i, from its spectrum; the pixels are displaced by `off` [pixel] down and right."""
+        """Image of a layer in band i, from the layer's spectrum; pixels are moved by `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -287,7 +287,7 @@ class _Shot:
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
-        """Make the scene when all bands are filled in; `surface`: height, slopes; `variance`: of the slopes."""
+        """Make the scene when all bands are computed; `surface`: (height, slopes); `variance`: of resolved slopes."""
         setup, (truth, glint) = self.setup, self.own
         image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
         ids, cover = world.on_pixels(world.labels), None
@@ -303,7 +303,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Fill in, in all shots, the bands whose time offset is `time` [s]; yield after each of them."""
+    """Compute the bands of all shots whose time offset is `time` [s]; yield after each band of each shot."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:
@@ -332,10 +332,7 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Height [m], (row, column), and slopes towards east and north [1], (2, row, column), of the sea at time 0.
-
-    Both are means over each pixel.
-    """
+    """Mean height [m], (row, column), and slopes to east and north [1], (2, row, column), of each pixel at time 0."""
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)
     n, (rows, columns) = setup.supersample, setup.grid

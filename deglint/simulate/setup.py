@@ -183,7 +183,7 @@ class Setup(Checked):
 
     @property
     def sea(self) -> Sea:
-        """Waves of the scene; short waves are damped where the grid would resolve too large a share of the slopes."""
+        """Waves of the scene; short waves are damped if the grid resolves too large a share of the slope variance."""
         waves = ("wind", "wind_from", "spectrum", "fetch", "spreading", "exponent", "opposing")
         sea = Sea(**{name: getattr(self, name) for name in waves})
         split = sea.peak_wavelength / SHORT_WAVES

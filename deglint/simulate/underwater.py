@@ -51,7 +51,7 @@ class Bottom(Checked):
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Depth [m], float32, and mask of the second material, both (row, column), on a grid with the step `spacing` [m].
+    """Depth [m], float32, and mask (True: second material), both (row, column), on a grid with the step `spacing` [m].
 
     The image covers the first `width` [m] of each row; a margin follows, up to the end of the grid. In the second
     half of the margin, the mean depth is that of the left edge of the image, because the grid is periodic.
@@ -171,7 +171,7 @@ def thesis_array(
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> npt.NDArray[np.integer[Any]]:
     """Number of the object at each point of a grid, (row, column) uint16: 1 for the first object, 0 for no object.
 
-    Later objects hide earlier ones. The grid has steps of `spacing` [m], and starts half a step from the edges.
+    Later objects hide earlier ones. The grid has steps of `spacing` [m]; its first point is half a step from the edges.
     """
     from skimage.draw import polygon
 

@@ -1,4 +1,1 @@
-"""The benchmark of `rxdetect bench`: run time, error and objects found of every removal method, on simulated scenes.
-
-`scenes` simulates, `run` measures and `report` writes the page.
-"""
+"""The benchmark `rxdetect bench` of all removal methods: `scenes` simulates, `run` measures, `report` writes a page."""

@@ -40,7 +40,7 @@ class Number:
 
 
 def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:
-    """Root mean square over the visible bands of RMSE / median(truth), in percent of the water level.
+    """Error [% of the water level]: RMSE / median(truth) of each visible band, then root mean square over the bands.
 
     `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands count. The error is
     computed in `columns`, the water level, median(truth), from all columns.
@@ -64,7 +64,7 @@ def short(value: float) -> str:
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean over seeds and its 95 % interval (Student's t), limited to the possible values, 0 to `most`."""
+    """Mean over seeds, and its 95 % interval (Student's t) within 0 to `most`; `better`: "lower" or "higher" values."""
     from scipy.stats import t
 
     centre = mean(values)
@@ -80,7 +80,7 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """The numbers of a run and its `provenance` (`made`) as plain values for JSON, with None for NaN."""
+    """Numbers, `provenance` (`made`) and failures (`refused`) of a run as plain values for JSON, with None for NaN."""
     from deglint.raster.output import plain
 
     values = {name: asdict(number) for name, number in numbers.items()}

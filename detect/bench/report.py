@@ -44,7 +44,7 @@ def _style(name: str) -> dict[str, Any]:
 
 
 def _with_legend(figure: Any, ax: Any) -> Figure:
-    """The figure with one legend beside its panels."""
+    """The figure with one legend beside its panels, for the lines of the panel `ax`."""
     figure.legend(*ax.get_legend_handles_labels(), loc="outside right")
     return figure
 
@@ -111,7 +111,7 @@ def tables(results: Results) -> list[Table]:
 
 
 def overview(results: Results) -> Table:
-    """Error and processor time of every removal in one condition."""
+    """Error and processor time of every removal in the condition `Effort.shown`."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.effort.names, LIMIT):

@@ -59,10 +59,7 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """Quality of one image: RMS errors against the truth [% of the water level], and detection of objects.
-
-    Arrays have one row for each of the `REFLECTANCES` of the objects.
-    """
+    """RMS errors of an image [% of the water level], and detection of objects: a row for each of `REFLECTANCES`."""
 
     whole: float  # error of the whole scene
     deep: float  # error of the deep water alone

@@ -12,7 +12,7 @@ from deglint.cli.running import Console
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
-    """Callback of an option that reads two numbers, separated by a comma; `name` and `example` are for its error."""
+    """Callback of an option that reads two numbers of the type `kind`, with a comma; `name`, `example`: for errors."""
 
     def read(text: str) -> tuple[Any, Any]:
         first, second = map(kind, text.split(","))

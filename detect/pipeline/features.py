@@ -71,10 +71,10 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 
 
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
-    """Speed [m/s] and heading [degree, clockwise from north] of every object; None for both where it does not move.
+    """Speed [m/s] and heading [degree, clockwise from north] of every object; both None if no moving boat is near it.
 
-    Both are those of the nearest moving boat, if a boat can move from there to the object between the bands. `area` is
-    the area of a pixel [m2]. Raises InputError: the times of the bands, or the size of a pixel, are not known.
+    Both are those of the nearest moving boat, if the fastest boat can get from there to the object between the bands.
+    `area` is the area of a pixel [m2]. Raises InputError: times of the bands, or size of a pixel, are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -101,7 +101,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree].
 
-    `rate` is the expected number of false objects per km2, `real` the probability that it is real; NaN: not known.
+    `rate` is the expected number of false objects per km2, `real` the probability of a real object; NaN: not known.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
@@ -123,9 +123,9 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
 
 
 def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object], scratch: Scratch) -> list[str]:
-    """Write a picture (PNG) of every object into a folder; return the names, which contain that of the folder.
+    """Write a picture (PNG) of every object into a folder; return "FOLDER/NAME" of each picture.
 
-    Panels from the left: the scene before glint removal, if the sidecar names its file; the scene; the scores.
+    Panels from the left: scene before glint removal, if the sidecar names its file; scene; `scores`, an open raster.
     """
     import cv2
 
@@ -146,7 +146,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Range of rows or columns of a chip: the object with its margin, within the scene."""
+    """Range of rows (or columns) of a chip: those of the object with a margin, within the `size` rows of the scene."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
@@ -204,7 +204,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 
 def _binary(geometry: dict[str, Any], srs: int) -> bytes:
-    """Geometry of a GeoPackage: header with the envelope (xmin, xmax, ymin, ymax), and multi-polygon as WKB."""
+    """Geometry of a GeoPackage: header with CRS number `srs` and (xmin, xmax, ymin, ymax), and multi-polygon as WKB."""
     left, low, right, high = bounds(geometry)
     polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, left, right, low, high)

@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def law(self) -> tuple[int, int] | None:
-        """Degrees of freedom of scores that follow F or chi-squared, and pixels in the statistics; None for others."""
+        """Degrees of freedom, and number of pixels in the statistics, if scores follow F or chi-squared; else None."""
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:
@@ -213,7 +213,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use if an option or many bands exclude "sea", and the reason; "rx" and "" if nothing excludes it."""
+    """Detector to use if an option or the number of bands excludes "sea", and the reason; "rx", "" if nothing does."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
@@ -247,7 +247,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
 
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
-    """Fit background and detector, or the model of the sea, of a plan; on threads, or by `run` of a cluster."""
+    """Fit background and detector, or the model of the sea; `run` processes tiles, on threads or on a cluster."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
         return replace(plan, model=model, glint=plan.glint if model.glint else ())
@@ -259,7 +259,7 @@ def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None =
 
 
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
-    """Fit the background of a plan tile by tile; on threads, or by `run` of a cluster."""
+    """Fit the background of a plan tile by tile; `run` processes the tiles, on threads or on a cluster."""
     recipe, bands = plan.recipe, plan.bands
     share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 

@@ -126,7 +126,7 @@ class Scoring:
 
 
 def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
-    """Flag raster: `NOT_VALID` where not valid, and the bit of every mark where the mark is True."""
+    """Flag raster: `NOT_VALID` where not valid, and for each (mask, bit) of `marks` the bit where the mask is True."""
     flags = np.where(valid, 0, NOT_VALID).astype(np.uint8)
     for where, bit in marks:
         flags[where] |= bit
@@ -134,7 +134,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
-    """Count the pixels of a tile; `mask` is False outside the mask, `states` holds the states of local RX, or None."""
+    """Count the pixels of a tile; `mask` is False where masked out (None: nowhere), `states`: of local RX, or None."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

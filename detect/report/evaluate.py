@@ -44,7 +44,7 @@ class Request:
 
     @property
     def sign(self) -> float:
-        """Factor of the scores and thresholds of the input: -1 if low scores are anomalous, else 1."""
+        """Factor between scores in the files and in `Inputs`: -1 if low scores in the files are anomalous, else 1."""
         return -1.0 if self.lower else 1.0
 
 
@@ -165,13 +165,13 @@ def read_inputs(request: Request) -> Inputs:
 
 
 def _first_band(scene: Scene) -> Array:
-    """The first band of a scene, (row, column); its file is closed again."""
+    """The first band of a scene, (row, column); the file of the scene is closed afterwards."""
     with raster_of(scene):
         return scene.read(bands=[0])[0]
 
 
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
-    """Number of the object of each pixel (0: background), and the mask of pixels whose truth is valid."""
+    """Object number of each pixel (0: background), and mask of valid truth, (row, column); `notes` gets more lines."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
         return marks, np.ones(marks.shape, np.bool_)
@@ -209,7 +209,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
-    """Check that a scene has the grid of the reference. Raises InputError: the grids differ."""
+    """Check that a scene lies on `grid`. InputError, which calls the two `name` and `reference`: the grids differ."""
     if not same_grid(raster_of(scene).info, grid):
         sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(
@@ -286,7 +286,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
-    """Table of the objects, and number found and number of false alarms at thresholds, as plain values."""
+    """Table of objects, and curve of found objects and false alarms, as plain values; `square_km`: valid area [km2]."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
@@ -300,7 +300,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
-    """DeLong's test of two detectors, and bootstrap interval of the difference of their areas from the same draws."""
+    """DeLong's test of two detectors, and bootstrap interval, from the same draws, of the difference of their AUC."""
     low = high = None
     if a.bands is not None and b.bands is not None:
         low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))

@@ -70,7 +70,7 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
 
 def _objects(found: Evaluation) -> list[list[ObjectScore]]:
-    """The score of every object for each detector; objects that a detector finds at the smallest Pfa come first."""
+    """Rows of a table: one object each, with its score by every detector; objects found at the lowest Pfa first."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
     return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
@@ -191,7 +191,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot the scores of a scene, its objects in boxes (dashed: not found), and false alarms with their numbers."""
+    """Plot the scores of a scene, objects in boxes (dashed: not found), and the worst false alarms, numbered from 1."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape

@@ -3,9 +3,8 @@
 Pixels of an object, and neighbouring pixels of background, are correlated, so that the intervals would be too narrow if
 single pixels were drawn. Here whole objects are drawn for the targets and whole square blocks for the background, each
 with replacement (block bootstrap). Blocks should be wider than the correlation length of the clutter.
-
-For each object and block, its scores between fixed levels are counted once, so that a draw is a sum of counts. If there
-are at most 1024 distinct target scores, all of them are levels, and the area under the curve is exact.
+The scores of each object and block are counted once, in bins between fixed scores (the levels); a draw is a sum of
+counts. If there are at most 1024 distinct target scores, all of them are levels, and the area under the curve is exact.
 
 References
 ----------
@@ -92,15 +91,15 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Rates Pfa, (62,), for n pixels of background: 0.5 / n (no false alarm), then 1 / n to 1 in logarithmic steps."""
+    """Rates Pfa, (62,): 0.5 / n (no false alarm), then 1 / n to 1 in logarithmic steps; n = `background` [pixel]."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _levels(roc: Roc) -> Array:
-    """Ascending levels between which scores are counted.
+    """Ascending scores, the levels, at which the bins of the counts begin and end.
 
-    Levels are distinct target scores, and background scores at ranks in logarithmic and in even steps. After each of
-    these scores follows the next larger number, so that pixels with exactly this score are counted separately.
+    Levels are distinct target scores, and background scores at ranks in logarithmic and in equal steps. Each of these
+    scores is followed by the next larger float, so that pixels with exactly this score are counted separately.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:
@@ -113,7 +112,7 @@ def _levels(roc: Roc) -> Array:
 
 
 def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
-    """Number of scores between the levels, (pieces, bins): of each object, and of the background of each block."""
+    """Sparse counts of valid scores between levels: of each object, (objects, bins); of background, (blocks, bins)."""
     from scipy.sparse import coo_array, csr_array, vstack
 
     bins = len(levels) + 1
@@ -136,7 +135,7 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
 
 
 def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
-    """Area under the curve, (draws,), and Pd at the rates `at`, (draws, points), from counts, (pieces, bins)."""
+    """Area under the curve, (draws,), and Pd at the rates Pfa `at`, (draws, points), from the counts of `_count`."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):

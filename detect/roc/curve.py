@@ -2,7 +2,6 @@
 
 The scores of targets and of background are sorted separately. All numbers follow from the ranks of target scores among
 background scores: no pairs of pixels are formed, and no pixel is left out for speed.
-
 DeLong's intervals assume independent pixels. The pixels of an image are not independent: neighbours share target, glint
 and sensor. So the intervals are too narrow for images; `bootstrap` over objects and blocks is valid.
 
@@ -187,7 +186,7 @@ class Roc:
 
     @cached_property
     def average_precision(self) -> float:
-        """Sum of precision times step of recall, not interpolated. It depends on the share of targets in the scene."""
+        """Sum of precision times step of recall, not interpolated; depends on the fraction of target pixels."""
         precision, recall = self.precision_recall
         return float((precision * np.diff(recall, prepend=0)).sum())
 
@@ -197,10 +196,10 @@ class Roc:
         Returns
         -------
         dict
-            d_tau, f_tau: areas of Pd and Pfa over tau (eq. 18, 19), which are the mean scores of targets and of
+            d_tau, f_tau: areas under Pd(tau) and Pfa(tau) (eq. 18, 19), equal to the mean scores of targets and of
             background; d_tau_trapezoid, f_tau_trapezoid: the same by the trapezoid rule over the distinct scores;
             td = auc + d_tau, bs = auc - f_tau, tdbs = d_tau - f_tau, od = auc + d_tau - f_tau, snpr = d_tau / f_tau.
-            They depend on the lowest and the highest score: use them to compare detectors on one scene, not scenes.
+            All measures depend on the lowest and the highest score: use them only to compare detectors on one scene.
         """
         low = float(min(self.targets[0], self.background[0]))
         span = float(max(self.targets[-1], self.background[-1])) - low
@@ -242,7 +241,7 @@ class Comparison:
 
 
 def auc_interval(roc: Roc) -> AucInterval:
-    """Area under a curve, DeLong's standard error (1988, eq. 6), and normal interval, limited to 0..1."""
+    """Area under a curve, DeLong's standard error (1988, eq. 6), and 95 % interval (normal, limited to 0..1)."""
     error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
     return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 

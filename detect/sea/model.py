@@ -1,11 +1,11 @@
 """Contrast of a pixel with the water around it, at several scales.
 
-At every scale s the bands are averaged over s x s pixels of the sea, so that an object fills the window at one of the
-scales. Let m and v be the mean and the variance of water within the window around a pixel, z = (y - m) / sqrt(v), and R
-the correlation of z over the sea. The score is the Mahalanobis distance sqrt(z' R^-1 z). Each scale is normalised by
-the median and the 99.9 % quantile of its distances over water; the score is the maximum over the scales. Pixels that
-are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and
-the statistics are computed again.
+At every scale s, y is the mean of each band over s x s pixels of the sea, so that an object fills this square at one of
+the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
+(y - m) / sqrt(v), and R the correlation matrix of z over the sea. The distance is sqrt(z' R^-1 z). It is normalised by
+the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales.
+Pixels that are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the
+statistics, and the statistics are computed again.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ _REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move b
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Usual score of water in each class of the NIR; scores of pixels with the same NIR are divided by it.
+    """Divisor of scores by class of the NIR: usual score (75 % quantile) of water in the class, relative to all water.
 
     Residual glint is a heavy-tailed noise, whose standard deviation grows with the glint of the pixel. After division
     the scores of water are similar everywhere, and a submerged object is found where the glint above it is weak.
@@ -59,7 +59,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit the scale to blocks of a scene: NIR, (band, row, column), scores and mask of water, (row, column)."""
+        """Fit to blocks: NIR, (band, row, column), scores and mask of water, (row, column); `side` as the attribute."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -77,7 +77,7 @@ class GlintScale:
         return cls(centre, spread, side, middle, np.minimum(factor, last))
 
     def nearby(self, nir: Array) -> Float32:
-        """Maximum of the standardised NIR over bands and neighbours, averaged over `side` pixels; (row, column)."""
+        """Maximum of standardised NIR over bands and 3 x 3 pixels, averaged over a square of `side`; (row, column)."""
         import cv2
 
         centre, spread = self.centre[:, None, None], self.spread[:, None, None]
@@ -86,7 +86,7 @@ class GlintScale:
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
     def even(self, scores: Array, nir: Array) -> Float32:
-        """Divide scores by the usual score of water with the same NIR, relative to all water; (row, column)."""
+        """Divide scores, (row, column), by the divisor for the NIR, (band, row, column), of their pixels."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
 
@@ -158,8 +158,8 @@ def fit(
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
     """Distance of every sea pixel from the water around it [standard deviation]; NaN on land and where class is `RIM`.
 
-    `block` and `nir`, (band, row, column), `classes` and the result, (row, column), contain the requested part and a
-    margin of `model.halo` pixels. The NIR is needed if the model was fitted with it.
+    `block` and `nir`, (band, row, column), `classes` and the result, (row, column), cover the requested pixels and a
+    margin of `model.halo` pixels. `nir` is needed if the model was fitted with a NIR.
     """
     state = _State(block, classes, model)
     for _ in range(_ROUNDS - 1):
@@ -172,7 +172,10 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _State:
-    """A block in robust standard deviations (`x`), its `means` at every scale, and the pixels in use (`used`)."""
+    """A block in robust standard deviations (`x`), its `means` at every scale, and masks, (row, column).
+
+    `sea`: all sea; `water`: water and its rim; `open`: water without the rim; `used`: pixels in the statistics.
+    """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
@@ -187,7 +190,7 @@ class _State:
         self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
-        """Mean of the used water within the window, (band, row, column), and number of its pixels, (row, column)."""
+        """Mean of `x` over used pixels of the window, (band, row, column), and their number, (row, column)."""
         count = _sums(self.used.astype(np.float32), SEA_WINDOW)
         total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
@@ -211,14 +214,17 @@ class _State:
 
 
 def _sums(values: Array, side: int) -> Array:
-    """Sums over a square window; 0 outside the image."""
+    """Sum of values, (row, column), over the `side` x `side` pixels around each; values outside the image are 0."""
     import cv2
 
     return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
 def _distance(z: Array, white: Float64, side: str) -> Float32:
-    """Mahalanobis distance of contrasts z, (band, row, column); for the side "bright", darker pixels have 0."""
+    """Mahalanobis distance |white z|, not squared, (row, column), of contrasts z, (band, row, column).
+
+    `white` is a whitening matrix, (rank, band). For the side "bright", pixels darker than the water have 0.
+    """
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
     if side == "bright":
@@ -235,7 +241,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 
 def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
-    """The model with variance, whitening matrix, and quantiles of the distance at every scale, over the used water."""
+    """The model with variance and whitening matrix of the used water, and quantiles of its distance, at every scale."""
     variance = np.zeros_like(model.variance)
     total = max(sum(int(s.used.sum()) for s in states), 1)
     for state in states:

@@ -2,8 +2,8 @@
 
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
-are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers. A
-hole next to land counts as part of the land. A part with land at both ends counts as a bridge, a bar or turbid water.
+are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers.
+Protrusions with land at both ends (bridges, bars, turbid water) are not searched. Holes next to land count as clutter.
 """
 
 import math
@@ -104,10 +104,7 @@ def _line(length: float, angle: float) -> Uint8:
 
 
 def hull(length: float, width: float, size: float) -> bool:
-    """Whether a part of `size` pixels has the shape of a ship: elongated, and filling its smallest rectangle.
-
-    `length` and `width` are the sides of the rectangle [pixel].
-    """
+    """Whether a part of `size` pixels fills its smallest rectangle, `length` x `width` [pixel], like a long ship."""
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
@@ -137,8 +134,8 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Labels (row, column) and statistics of OpenCV (label, 5) of the connected parts of a mask; and label, length and
-    width of each part that is at most `length` long and `width` wide [pixel].
+    """Connected parts of a mask, as OpenCV returns them: labels, (row, column), and statistics, (label, 5); and a list,
+    (label, length, width), of the parts that are at most `length` long and `width` wide [pixel].
     """
     import cv2
 
@@ -155,7 +152,7 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tu
 
 
 def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
-    """Masks of holes that a ship may fill: surrounded by water; and next to land or to the edge of the image."""
+    """Masks of parts of `land` that a ship may fill (holes): one inside water, one next to land or the image's edge."""
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
@@ -167,9 +164,9 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
 
 
 def _continued(around: Mask, own: Mask) -> bool:
-    """Whether a part has land at both ends and water at its sides. A ship has a free end, or a quay at one side.
+    """Whether a part of land has land at both ends and water at both sides. A ship has a free end, or a quay at a side.
 
-    `own` is the mask of the part. `around` is the land in the same window with a margin of `_ATTACHED_WITHIN` pixels.
+    `own`: mask of the part in its bounding box. `around`: the same for all land, with `_ATTACHED_WITHIN` pixels more.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside

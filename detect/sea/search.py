@@ -43,7 +43,7 @@ _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low 
 class Clutter:
     """Scores of the sea without confirmed objects, and the distribution of the peaks of unconfirmed candidates.
 
-    A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest of them.
+    A generalised Pareto distribution of the peaks above `low` extrapolates beyond the highest peak.
     """
 
     tail: Tail  # highest scores of the sea without the pixels of confirmed objects
@@ -84,7 +84,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """Inverse of `Clutter.false_per_km2`: the `score_top` for a number. Raises InputError: no area is known."""
+        """Inverse of `Clutter.false_per_km2`: `score_top` for a number per km2. Raises InputError: no area is known."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)

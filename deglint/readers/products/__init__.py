@@ -59,7 +59,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
-    """Notes on opened files: a line with kind, name and bands of each product, then all other notes once."""
+    """Notes on opened files: a line with kind, name and bands of each product, then each of the other notes once."""
     products: dict[str, list[str]] = {}
     for product in (o.product for o in found if o.product is not None):
         products.setdefault(f"{product.kind}, product {product.name}", []).extend(b.name for b in product.bands)
@@ -139,10 +139,9 @@ def _first(container: Container) -> Product | None:
 
 
 def _of(family: Any, container: Container) -> Product | None:
-    """The product of a family in a container, with the names of the metadata files that were read.
+    """The product of a family (a module of `PRODUCTS`) in a container, with names of the metadata files that were read.
 
-    If the metadata are damaged, MetadataError is raised; but if the user named the image itself, the result is None,
-    and the image is opened as a raster.
+    Damaged metadata raise MetadataError, or give None if the user named the image itself, which is opened as a raster.
     """
     try:
         found = family.find(container)
@@ -155,7 +154,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """The folder with the metadata of the product to which `place` (a file, or `folder`) belongs, or None."""
+    """Folder with the metadata of the product of `place`, or None; `folder`: files of `place`, if it is a folder."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

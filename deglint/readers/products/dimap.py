@@ -1,7 +1,7 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2). GDAL's DIMAP driver joins its tiles.
+"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2). GDAL's DIMAP driver joins the tiles of an image.
 
-The driver does not report gains or the order of bands; both are in the XML. Radiance is DN / GAIN + BIAS; the same
-holds for reflectance products.
+The driver does not report gains or the order of bands; both are in the XML. Radiance, or reflectance in a product of
+reflectance, is DN / GAIN + BIAS with the file value DN.
 """
 
 import math
@@ -127,7 +127,7 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
 
 
 def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
-    """Scale, offset, unit, wavelength and width of a band, as fields of `ProductBand`; only those that are known."""
+    """Known scale, offset, unit, wavelength and width of a band as fields of `ProductBand`; `band` is the BAND_ID."""
     kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
     factors, ends = (
         next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in (kind, "Band_Spectral_Range")

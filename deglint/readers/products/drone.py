@@ -85,7 +85,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """`info` with names, wavelengths, calibration and sensor from the file's XMP, and notes; `info` if it has none."""
+    """`info` with names, wavelengths, calibration and sensor from the XMP of the file (if it has one), and notes."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
@@ -119,7 +119,7 @@ def facts_of(info: RasterInfo) -> Facts:
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
-    """Bands that the XMP names (none if it names more or fewer than the file has), and notes on corrections."""
+    """Bands that the XMP (`facts`) names, none if the file has more or fewer bands; and notes on corrections."""
     names = facts.get("BandName", ())
     if not names or len(names) != info.count:
         return [], []
@@ -173,7 +173,7 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
     """MicaSense's conversion of file values p to radiance; None if the XMP lacks it.
 
     L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V at
-    column x and row y, the exposure time t [s], and a1, a2, a3 from RadiometricCalibration.
+    column x and row y, the black level [file value], the exposure time t [s], and a1, a2, a3 of RadiometricCalibration.
     """
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (
@@ -198,7 +198,7 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP lacks it.
 
-    It is c (p - black) / (gain t 2^16), with a factor c of the camera and the exposure time t [s]; its unit is unknown.
+    The result is c (p - black) / (gain t 2^16), unit unknown; t is the exposure time [s], c a factor of the camera.
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

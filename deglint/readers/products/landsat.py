@@ -1,7 +1,7 @@
 """Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or *_MTL.txt, .json or .xml.
 
 GDAL has no driver for these products: each band is a GeoTIFF, and only the MTL file has scale and offset. The MTL file
-of Level 2 also has the factors of Level 1, under the same names, so they are read from the group of the level.
+of Level 2 also has the factors of Level 1, under the same names, so factors are read from the group of their level.
 """
 
 import math

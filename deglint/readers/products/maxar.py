@@ -54,7 +54,7 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:
-    """The product of an image; `root` has its metadata."""
+    """The product of the file `image`; `root` has its metadata, `stem` is the metadata file without ending."""
     notes = []
     satellite, enhanced = said(root, ".//SATID"), said(root, ".//RADIOMETRICENHANCEMENT").upper()
     title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
@@ -90,7 +90,7 @@ def _stem(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL file of a mosaic of several tiles, else the single image; None if there is none."""
+    """The .TIL of a mosaic of several tiles, else the single image, at the path `stem` without ending; None without."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

@@ -1,8 +1,8 @@
 """Metadata of products: the folder, zip or tar that holds them, their parsing, and their use for rasters.
 
 XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree. A `Product` holds plain values from
-it. `described` opens the headers of the product's files and adds band names, scale, offset, nodata, unit and tags to
-their descriptions. After that, products and single files are treated alike, and an output has the same metadata.
+this tree. `described` opens the headers of the product's files and adds band names, scale, offset, nodata, unit and
+tags to the descriptions of the files. Then products are treated like single files, and outputs have these metadata.
 """
 
 import json
@@ -70,7 +70,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The only item in `found`; if there are several, an InputError that lists up to four of the `names`."""
+        """The only item in `found`. InputError: there are several `what`; the message has four `names` and `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -226,8 +226,8 @@ def angle_tags(
 ) -> dict[str, Any]:
     """Tags with the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
-    The elevation of the sensor is 90 - incidence. `off_nadir` is measured at the satellite; `altitude` [m] is needed
-    with it. If `incidence` is None, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
+    The elevation of the sensor is 90 - incidence. `off_nadir` is the angle at a satellite at `altitude` [m]. If only
+    this angle is known, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
     """
     if incidence is None and off_nadir is not None:
         sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))

@@ -64,7 +64,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors of the bands to reflectance, else to radiance, and their unit; empty list and "" if not known."""
+    """Factors of `count` bands to reflectance, else to radiance, and the unit; [] and "" if `factors` lacks a band."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", "W m-2 sr-1 um-1")):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]

@@ -64,7 +64,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands and the matches of their names; if the user named an image or folder, only those."""
+    """Image files of bands, and matches of their names; if the user named an image or a folder, only those in it."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
@@ -81,8 +81,8 @@ def _granule(member: str) -> str:
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
     """File of each band (with the smallest pixels), and the bands that are left out.
 
-    `images`: match of the name of each file, by path. Bands of 60 m are kept only if the user named one band file
-    (`single`), or if there are no finer bands.
+    `images` has the match of each file name with `IMAGES`, by path. Bands of 60 m are kept only if the user named one
+    band file (`single`), or if there are no finer bands.
     """
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
