@@ -79,7 +79,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 where the pivot is lost or inexact; update `state` there.
+    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 and a new `state` where the pivot is lost or inexact.
 
     pivot : (pixels,), as all arrays: sum of squares of the band in the ring, minus the part that earlier bands explain.
         It is lost if it is at most `exact` times that sum, and inexact if at most 1000 times as much

@@ -46,7 +46,7 @@ thousand pixels in eight tiles) that the power of their texture is known to a fe
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
-    """Mean square of the texture, divided by `unit`, at each scale, (scale,), over all pixels and bands.
+    """Mean square of (texture / `unit`) at each scale, (scale,), over all pixels and bands.
 
     Texture is the difference of local means over two successive `SCALES`; at the last scale, it is the local mean minus
     the mean of its tile.

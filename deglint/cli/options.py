@@ -46,7 +46,7 @@ def heading(text: str) -> Callable[[Any], Any]:
 
 
 class AutoOr(click.Choice[str]):
-    """Type of option values: one of `words`, or a key of the dictionary `table` in a module that is imported late."""
+    """Type of option values: one of the given words, or a key of a dictionary (`table`) of a module imported late."""
 
     def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True

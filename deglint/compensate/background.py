@@ -161,7 +161,7 @@ class Background:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage needs: for the widest opening, the outline detail, and pits or PSF."""
+        """Pixels around a block that the stage needs: reach of the opening, of outlines, and of pits or `psf`."""
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 

@@ -194,7 +194,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
-    """Local statistics (row, column) from sums over the water (`mask`) in squares; exact, as integers below 2^53."""
+    """Statistics (row, column) of the water (`mask`) in squares of `SIZE` pixels; sums of integers, and thus exact."""
     import cv2
 
     def box(values: Float64) -> Float64:

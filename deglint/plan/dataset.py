@@ -1,4 +1,4 @@
-"""A plan as an xarray dataset, as layers, or as plain values for JSON."""
+"""A plan as an xarray dataset, as named maps over the viewing geometries, or as plain values for JSON."""
 
 from typing import Any
 

@@ -104,7 +104,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` with wavelength, width and full scale in the tags of each band, else taken from file tags."""
+    """A copy of `info` where tags that a band lacks (wavelength, width, full scale) are copied from the file's tags."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info

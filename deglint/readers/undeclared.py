@@ -75,7 +75,7 @@ def settled(scene: Scene) -> Scene:
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, the missing offset of a subset of a Sentinel-2 product, and the NIR of four bands.
+    """Find undeclared nodata, the lost offset of a cut Sentinel-2 product, and the wavelengths of four unnamed bands.
 
     Nodata is searched for if neither the file nor the caller declares it. It is a value that is equal in all bands over
     at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a

@@ -246,9 +246,9 @@ def _model(
     rules: dict[int, ReferenceRule],
     shared: tuple[Float64, Float64, Float64],
 ) -> GlintModel:
-    """The model with the kernels of each kind of strip, changed to the posterior responses; the levels are 0.
+    """The model: kernels (`fitted`, for each kind of strip) scaled to the responses that all bands share; levels are 0.
 
-    shared : weights of the bands in the common glint, their posterior responses, and the covariance of the responses
+    shared : weights of the bands in the common glint, their shared responses, and the covariance of the responses
     """
     weights, response, covariance = shared
     slopes = [float(s) if s > 0 else 1.0 for s in response]  # change of a band if its NIR increases by 1 everywhere

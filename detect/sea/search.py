@@ -84,7 +84,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """Inverse of `Clutter.false_per_km2`: `score_top` for a number per km2. Raises InputError: no area is known."""
+        """`Object.score_top` that so many false objects per km2 reach or exceed. InputError without an area."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
@@ -112,8 +112,9 @@ class Clutter:
 def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: float, fine: bool = False) -> Clutter:
     """Separate confirmed objects from clutter, and fit a distribution to the clutter.
 
-    `tail` holds the highest scores of the searched sea, and `area` is its area [km2]. The candidates are connected
-    pixels above `LOW` times `q90`, the 90 % quantile of the score over water. `fine`: pixels are smaller than a boat.
+    `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
+    `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
+    `_LARGE_OBJECTS`). `fine`: pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
