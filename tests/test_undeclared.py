@@ -6,6 +6,7 @@ import pytest
 
 from deglint import open_scene
 from deglint.masks import Roles, fit_water, water
+from deglint.readers.roles import find_nir
 from deglint.readers.undeclared import settled, undeclared
 from deglint.xr import remove as remove_array
 
@@ -167,6 +168,7 @@ def test_four_bands_without_names_are_known_by_their_order(order, sea, write, re
     assert deglint("remove", named, tmp_path / "same.tif").code == 0
     np.testing.assert_array_equal(read(tmp_path / "out.tif"), read(tmp_path / "same.tif"))
     assert (read(tmp_path / "out.tif")[:3] != scene[:3]).any()
+    assert find_nir(open_scene(tmp_path / "out.tif")) == (3,)
 
 
 def test_another_order_of_four_bands_is_not_guessed(sea, write, deglint, tmp_path):

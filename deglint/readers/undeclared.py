@@ -20,6 +20,7 @@ from ..raster.info import RasterInfo
 from ..raster.source import RasterSource
 from ..scene import Scene
 from ..tiles import Tile
+from .bands import labelled
 from .spectral import nominal_wavelength
 
 log = logging.getLogger("deglint")
@@ -60,13 +61,12 @@ class Undeclared:
         """A copy of the scene in which the findings are declared; the scene itself if there are none."""
         if not self.notes or not isinstance(scene.source, RasterSource):
             return scene
-        info = scene.source.info
-        info = replace(info, nodatas=self.nodatas or info.nodatas, offsets=self.offsets or info.offsets)
-        notes = (*scene.notes, *(n for n in self.notes if n not in scene.notes))
-        bands = tuple(
-            replace(b, wavelength=b.wavelength or w) for b, w in zip(scene.bands, self.wavelengths, strict=False)
-        )
-        return replace(scene, source=scene.source.declared(info), bands=bands or scene.bands, notes=notes)
+        old, notes = scene.source.info, (*scene.notes, *(n for n in self.notes if n not in scene.notes))
+        info = replace(old, nodatas=self.nodatas or old.nodatas, offsets=self.offsets or old.offsets)
+        known = [b.wavelength or w for b, w in zip(scene.bands, self.wavelengths, strict=False)]
+        bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, known, strict=False)) or scene.bands
+        source = scene.source.declared(labelled(info, bands) if known else info)
+        return replace(scene, source=source, bands=bands, notes=notes)
 
 
 def settled(scene: Scene) -> Scene:
