@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,10 +11,10 @@ import rasterio
 
 from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
-from deglint.choose.candidates import windows
+from deglint.choose.candidates import Candidate, windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import SCALES, expected_errors, least_glint, least_signal, level_excess, powers
-from deglint.choose.trial import NOT_JUDGED, without_ships, without_shore
+from deglint.choose.trial import NOT_JUDGED, Trial, _best, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.scene import Band
 
@@ -174,3 +176,13 @@ def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):
     found = fit_scene(scene).choice
     assert found is not None
     assert found.best.method != "copy", found.lines()
+
+
+@pytest.mark.parametrize(("delayed", "best"), [(False, "posterior"), (True, "opening")])
+def test_an_opening_must_be_clearly_better_where_bands_are_of_one_instant(delayed, best):
+    chains = {"copy": "off", "wiener": "off", "posterior": "remove, posterior", "opening": "replace-level"}
+    errors = (1.0, 0.4, 0.115, 0.1)
+    trials = [Trial(Candidate(n, n, c), (), {}, e) for (n, c), e in zip(chains.items(), errors, strict=True)]
+    assert _best(trials, delayed=delayed).candidate.name == best
+    trials[-1] = replace(trials[-1], error=0.08)
+    assert _best(trials, delayed=delayed).candidate.name == "opening"

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from ..compensate import Setting
-from ..compensate.targets import LEAST_DELAY
 
 SMALLEST_OPENING, LARGEST_OPENING = 5, 13
 """Windows of a morphological opening [pixel]: smaller ones leave clumps of sparkle, larger ones span two waves."""
@@ -19,6 +18,11 @@ class Candidate:
     method: str  # "copy", or a key of `deglint.remove.METHODS`
     chain: str = "off"  # stages of the compensation, as in `deglint.compensate`; "off" for none
 
+    @property
+    def opens(self) -> bool:
+        """Whether the recipe replaces glint by a morphological opening."""
+        return "replace-level" in self.chain
+
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
     """Candidate recipes, simplest first.
@@ -26,8 +30,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
     `width`: width of the smallest object to keep [pixel]; `clump`: width of a clump of glint [pixel]
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
-    delayed = setting.offsets is not None and float(setting.offsets.max() - setting.offsets.min()) >= LEAST_DELAY
-    targets = "targets, " if delayed else ""
+    targets = "targets, " if setting.delayed else ""
     found.append(Candidate("wiener, posterior mean", "wiener", f"{targets}remove, posterior"))
     sharpen = "psf:2, " if setting.psfs is not None else ""
     for window in windows(width, clump) if width >= SMALLEST_OPENING / 2 else ():

@@ -19,10 +19,11 @@ from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import expected_errors, least_glint, least_signal, level_excess, powers
 
-WATER_PERCENTILE = 10.0
-"""Percentile of a band over the sample that estimates the water without glint (water level) [%]."""
+WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.05
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen."""
+REPLACING = 1.15
+"""Factor on the error of openings, which erase small signals, if the NIR shows the glint of every pixel (no delays)."""
 WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""
@@ -176,13 +177,13 @@ def choose(
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
-    return Choice(_best(trials).candidate, tuple(trials), failed, disc)
+    return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
 
 
-def _best(trials: Sequence[Trial]) -> Trial:
+def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
     """The simplest of the candidates that are equally good; the copy, which is first, if none is clearly better."""
-    least = min(t.error for t in trials)
-    best = next(t for t in trials if t.error <= EQUAL_ERRORS * least)
+    cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
+    best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
 
 
@@ -203,7 +204,7 @@ def _judged(
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
     )
-    opened = ["replace-level" in c.chain for c in runs]
+    opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
         excess = level_excess([r.images for r in runs.values()], inside, unit, opened)
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]

@@ -17,8 +17,7 @@ from . import background, identify, median, normalise, posterior, replace_glint,
 from .psf import PSF
 from .state import Sample, Setting, State, in_scene_units
 
-Stage = Any
-"""A fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`."""
+Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
 
 
 @dataclass(frozen=True)

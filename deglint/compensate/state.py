@@ -17,6 +17,7 @@ from ..scene import Band
 from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
+LEAST_DELAY = 0.01  # least time between the first and the last band, in which ripples change [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,11 @@ class Setting:
         """Time offset of each band [s]; None if not known for all bands."""
         found = [b.time_offset for b in self.bands]
         return None if any(t is None for t in found) else np.array(found, np.float64)
+
+    @cached_property
+    def delayed(self) -> bool:
+        """Whether the times of the bands are known, and differ by at least `LEAST_DELAY`."""
+        return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
 
     @cached_property
     def order(self) -> tuple[int, ...]:

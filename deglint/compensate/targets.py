@@ -43,9 +43,7 @@ RATE, TOGETHER = 1e-5, 2.8
 SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
 """`SPECTRA_ALIKE`: of the pixels that sparkle makes bright in all bands, one in ten has the spectrum of a target.
 `LIT_TOGETHER`: one flash makes about four of 3 x 3 pixels bright."""
-LEAST_DELAY, FEWEST_BANDS = 0.01, 4
-"""Least time between the first and the last band [s], in which ripples change; and fewest bands, as three bands always
-fit the three parameters of a smooth spectrum."""
+FEWEST_BANDS = 4  # three bands always fit the three parameters of a smooth spectrum
 LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
@@ -269,7 +267,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     after the stages before; without a background, the local mean is used. `number`: false-alarm rate, None for `RATE`.
     """
     t, w = setting.offsets, setting.wavelengths
-    if t is None or not np.isfinite(t).all() or np.ptp(t) < LEAST_DELAY:
+    if t is None or not setting.delayed:
         why = "are not known" if t is None else "differ by less than 10 ms"
         return Targets(reason=f"time offsets of the bands {why}: nothing distinguishes targets from sparkle")
     order = sorted((b for b in range(len(w)) if 300 < w[b] < 1000), key=list(zip(t, w, strict=True)).__getitem__)

@@ -9,8 +9,7 @@ import numpy.typing as npt
 from ..errors import InputError
 
 Array = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.floating[Any]]
-"""Array of single or double precision."""
+Floats = npt.NDArray[np.floating[Any]]  # array of single or double precision
 VIEW_LIMIT = 89.0
 """Largest view zenith angle [degree]; nearer to the horizon waves shadow each other and the formulas fail."""
 

@@ -24,8 +24,7 @@ Spreading = Literal["elfouhaily", "half-angle", "full-angle"]
 SPECTRA_WIND_RANGE = (1.0, 20.0)  # range of 10 m winds for which the spectra were fitted [m/s]
 SHORTEST_WAVE = 0.003
 """Default shortest wave in slope integrals [m]; Elfouhaily's spectrum is negligible at shorter waves."""
-SHORT_WAVES = 10.0
-"""Waves with more than this multiple of the peak wavenumber are "short" (see `Sea.short_gain`)."""
+SHORT_WAVES = 10.0  # waves with more than this multiple of the peak wavenumber are "short" (see `Sea.short_gain`)
 
 
 @dataclass(frozen=True, kw_only=True)

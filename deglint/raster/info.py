@@ -19,8 +19,7 @@ from ..errors import InputError, ReadError
 from .convert import FlatField, same_nodata
 from .environment import check_size
 
-Tags = Mapping[str, Mapping[str, str]]
-"""Values of tags, by namespace and name; the default namespace is ""."""
+Tags = Mapping[str, Mapping[str, str]]  # values of tags, by namespace and name; the default namespace is ""
 
 _DERIVED_NAMESPACES = frozenset({"IMAGE_STRUCTURE", "DERIVED_SUBDATASETS", "SUBDATASETS", "COLOR_PROFILE"})
 REMOTE_NAME = re.compile(

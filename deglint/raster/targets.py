@@ -30,8 +30,7 @@ OTHER_FORMATS = frozenset(
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
 )
 """File endings that a GeoTIFF should not have."""
-Reads = Mapping[str, Iterable[str | Path]]
-"""Names of input files, by their role: "the input", "--mask"."""
+Reads = Mapping[str, Iterable[str | Path]]  # names of input files, by their role: "the input", "--mask"
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
 

@@ -40,9 +40,8 @@ S2_FLOOR, S2_DARK = (950, 1150), 1300
 minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
-"""Usual order of four bands without names; red and blue may be exchanged. It is assumed only if the last band is the
-darkest over water (percentile `DARK`), or if its range from there to percentile `UPPER` is `WIDER` times that of every
-other band: plants are bright in the NIR."""
+"""Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
+over water (percentile `DARK`), or if its range up to percentile `UPPER` is the largest by `WIDER`, as over plants."""
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]

@@ -33,8 +33,7 @@ pixels of 10 m. The second is for pixels smaller than a boat: one boat. Waves an
 _BODY = 60
 """With pixels smaller than a boat, a candidate of at least this size is confirmed, also with a low peak [pixel]. Noise
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
-_SMALLEST_KEPT = 12.6
-"""Minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m."""
+_SMALLEST_KEPT = 12.6  # minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m
 _LEAST = 50  # a distribution is fitted to more than this number of peaks
 _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
 

@@ -26,8 +26,7 @@ _WITHOUT_MTL = {
 FULL = 65535.0  # largest file value if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
 LANDSAT_ORBIT = 705_000.0
 """Altitude of Landsat 8 and 9 [m]. They view the nadir; a few scenes have a ROLL_ANGLE of about 15 degrees."""
-CIRRUS = (1373.5, 20.0)
-"""Centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7."""
+CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7
 
 
 def find(container: Container) -> Product | None:
