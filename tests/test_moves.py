@@ -93,7 +93,9 @@ INTERRUPTED = """
     whole, calls = Path.replace, []
     def replace(self, target):
         calls.append(target)
-        if len(calls) == int(sys.argv[1]):
+        if len(calls) == abs(int(sys.argv[1])):
+            if sys.argv[1].startswith("-"):  # the signal follows the move
+                whole(self, target)
             os.kill(os.getpid(), int(sys.argv[2]))
         return whole(self, target)
     Path.replace = replace
@@ -102,7 +104,9 @@ INTERRUPTED = """
 """
 
 
-@pytest.mark.parametrize(("at", "how"), [(1, signal.SIGINT), (3, signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("at", "how"), [(1, signal.SIGINT), (-1, signal.SIGINT), (3, signal.SIGTERM), (-4, signal.SIGTERM)]
+)
 def test_a_signal_between_two_moves_is_undone(sea, write, tmp_path, old, at, how):
     source, before = write(tmp_path / "in.tif", sea()), old()
     call = [sys.executable, "-c", textwrap.dedent(INTERRUPTED), str(at), str(int(how)), "remove", source,

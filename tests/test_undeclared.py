@@ -171,6 +171,13 @@ def test_four_bands_without_names_are_known_by_their_order(order, sea, write, re
     assert find_nir(open_scene(tmp_path / "out.tif")) == (3,)
 
 
+def test_a_fourth_band_without_a_name_is_the_nir(sea, write, tmp_path):
+    scene = sea(100, 120)[[2, 1, 0, 3]]
+    found = settled(open_scene(write(tmp_path / "in.tif", scene, names=("red", "green", "blue"))))
+    assert [b.wavelength for b in found.bands] == [660.0, 555.0, 485.0, 840.0]
+    assert any("are taken for nir, from" in note for note in found.notes)
+
+
 def test_another_order_of_four_bands_is_not_guessed(sea, write, deglint, tmp_path):
     ran = deglint("info", write(tmp_path / "in.tif", sea(100, 120)[[3, 2, 1, 0]], names=None))
     assert "no near-infrared band" in ran.out + ran.err

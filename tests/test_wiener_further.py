@@ -124,7 +124,7 @@ def test_the_ringing_of_resampling_is_not_taken_for_the_level_of_dense_glint():
 def test_errors_of_the_kernels_do_not_raise_the_level_under_dense_glint():
     rng = np.random.default_rng(4)
     prediction, error = 20 + 500 * rng.random((1, 40_000)), 30 * rng.normal(size=(1, 40_000))
-    value, everywhere = np.maximum(prediction - error, 1), np.ones(40_000, bool)
+    value, everywhere = np.maximum(prediction - error, 1), np.ones(40_000, bool)  # sensors store nothing negative
     local = error / 15  # of means over 15 x 15 pixels
     means, pixels = (
         shared_level(LevelSample(prediction, value, *prediction, *prediction, a, everywhere), np.ones(1))[0][0]

@@ -22,8 +22,7 @@ from .score import expected_errors, least_glint, least_signal, level_excess, pow
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.05
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen."""
-REPLACING = 1.15
-"""Factor on the error of openings, which erase small signals, if the NIR shows the glint of every pixel (no delays)."""
+REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
 WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""

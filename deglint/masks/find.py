@@ -318,8 +318,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> Wate
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None
-    if window == 1:
-        last = _at_valley(nir, last)
+    last = _at_valley(nir, last) if window == 1 else last
     few = last // DARKEST + 1
     darkest = float(np.median(contrast[:few]))
     sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)

@@ -205,13 +205,13 @@ class Scratch:
                 if target.exists():
                     scratch.chmod(target.stat().st_mode & 0o777)
                     kept.append(_beside(target, "old"))
+                    done.append((target, kept[-1]))  # noted first: an interruption may follow the move at once
                     target.replace(kept[-1])
-                    done.append((target, kept[-1]))
-                scratch.replace(target)
                 done.append((scratch, target))
+                scratch.replace(target)
         except BaseException as error:
             after = "Nothing was changed"
-            for old, new in reversed(done):
+            for old, new in reversed([move for move in done if move[1].exists()]):
                 try:
                     new.replace(old)
                 except OSError:

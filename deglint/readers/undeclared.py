@@ -62,9 +62,9 @@ class Undeclared:
             return scene
         old, notes = scene.source.info, (*scene.notes, *(n for n in self.notes if n not in scene.notes))
         info = replace(old, nodatas=self.nodatas or old.nodatas, offsets=self.offsets or old.offsets)
-        known = [b.wavelength or w for b, w in zip(scene.bands, self.wavelengths, strict=False)]
-        bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, known, strict=False)) or scene.bands
-        source = scene.source.declared(labelled(info, bands) if known else info)
+        waves = self.wavelengths or [b.wavelength for b in scene.bands]
+        bands = tuple(replace(b, wavelength=w) for b, w in zip(scene.bands, waves, strict=True))
+        source = scene.source.declared(labelled(info, bands) if self.wavelengths else info)
         return replace(scene, source=source, bands=bands, notes=notes)
 
 
@@ -94,7 +94,7 @@ def undeclared(scene: Scene) -> Undeclared:
         if cut:
             found = _offset(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
         if four:
-            found = _order(info, [(raw, valid) for _, raw, valid in blocks], found)
+            found = _order(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
     source.settled = True
     for note in found.notes:
         log.warning("%s", note)
@@ -183,15 +183,17 @@ def _four(scene: Scene) -> bool:
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
-def _order(info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
+def _order(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
     """Add wavelengths of four bands to the findings if brightness and variation in `blocks` agree with `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
         return found
     names = ORDER if dark[0] >= dark[2] else (*ORDER[2::-1], ORDER[3])
-    said = f"bands without names are taken for {','.join(names)}, from their order and brightness"
-    waves = tuple(nominal_wavelength(name) or 0.0 for name in names)
+    known = [b.wavelength for b in scene.bands]
+    unnamed = ",".join(name for name, wavelength in zip(names, known, strict=True) if wavelength is None)
+    said = f"bands without names are taken for {unnamed}, from their order and brightness"
+    waves = tuple(w or nominal_wavelength(name) or 0.0 for name, w in zip(names, known, strict=True))
     return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 

@@ -50,7 +50,7 @@ NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
 """Share of the pixels that may be zero or negative in a band after removal [%]: `NEGATIVE` in the half of the sample
 with less glint, as under strong glint errors of the kernels make pixels negative; `NEGATIVE_OF_ALL` in the whole sample
 if the level is below the least glint: 1 %, less a margin for pixels outside the sample."""
-SUBTRACTED = 0.05  # share of negative pixels from which 0 is no limit: noise has fewer, so an offset was subtracted
+SUBTRACTED = 0.05  # share of negative pixels from which 0 is no limit of a band: water itself is below it
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
