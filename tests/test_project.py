@@ -130,8 +130,8 @@ def test_citation_recipe_and_changelog_agree_with_the_package():
     version = deglint.__version__
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
     assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
-    recipe = (ROOT / "recipe" / "meta.yaml").read_text()
-    assert f'version = "{version}"' in recipe
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
+    assert f'version: "{version}"' in recipe
     names = {"opencv-contrib-python-headless": "py-opencv", "pvlib": "pvlib-python"}
     for wanted in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]:
         name, least = re.fullmatch(r"([\w-]+)(>=.*)", wanted).groups()
