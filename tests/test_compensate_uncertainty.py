@@ -63,7 +63,7 @@ def test_the_error_of_the_slope_where_glint_moved_between_the_bands():
     band = rho * nir + np.sqrt(1 - rho**2) * seen[0]
     raw = np.stack([50 + band, nir]).astype(np.float32)
     removed = np.stack([rho * nir, 0 * nir]).astype(np.float32)  # the slope of least squares, where 1 was right
-    state = State(raw, raw - removed, np.ones(nir.shape, bool), removed=removed)
+    state = State(raw, raw - removed, np.ones(nir.shape, bool), removed=removed, errors=True)
     said = []
     for r2 in (1.0, rho**2):
         model = GlintModel("wiener", NOTHING.indexes, (BandFit(0, "B", 0, rho, r2=r2),), ("B", "NIR"))

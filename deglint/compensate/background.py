@@ -177,8 +177,9 @@ class Background:
 
     def details(self, source: Float32, level: Float32) -> Float32:
         """Outline detail of `source`, limited by `shared` [`colour`]; `level`: square openings; (band, row, column)."""
-        unit = np.array(self.colour, np.float32)[:, None, None]
-        return shared(outlines(source, level, self.size) / unit, self.order)
+        found = outlines(source, level, self.size)
+        found /= np.array(self.colour, np.float32)[:, None, None]
+        return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
         """Background (band, row, column) without `offsets`: openings plus outline detail, blurred if deconvolved."""

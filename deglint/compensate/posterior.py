@@ -75,7 +75,7 @@ class LeftOver:
         table = np.interp(self.glint[-1] * root**2, self.glint, self.variance).astype(np.float32)
         place = np.sqrt(np.clip(part, 0, 1))
         place *= TABLE_ENTRIES - 1
-        return table[place.astype(np.int16)] * np.square(np.maximum(part, 1))
+        return table.take(place.astype(np.intp)) * np.square(np.maximum(part, 1))
 
 
 def left_over(band: int, sample: Sample) -> LeftOver:
@@ -131,7 +131,8 @@ class Posterior:
 
     def apply(self, state: State) -> State:
         """Replace the image by the posterior mean if `resolved`, and set `State.variance`."""
-        taken, image, variance = _taken(state), state.image.copy(), np.zeros_like(state.image)
+        taken, image = _taken(state), state.image.copy()
+        variance = np.zeros_like(image) if state.errors else None
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
             if np.isfinite(limit):
@@ -142,33 +143,22 @@ class Posterior:
             b, s2 = left.band, np.float32(left.sigma**2)
             v = left.of(taken[b])
             v[unknown] += UNKNOWN * s2
+            error = None if variance is None else variance[b]
             if self.resolved:
-                image[b], variance[b] = posterior_mean(state.image[b], v, s2, self.side)
-            else:
-                variance[b] = v + s2
+                image[b] = posterior_mean(state.image[b], v, s2, self.side, error)
+            elif error is not None:
+                np.add(v, s2, out=error)
         return replace(state, image=image, variance=variance)
 
 
-def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[Float32, Float32]:
-    """Posterior mean of the water in a band, noise included, and the variance of its error.
+def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Float32 | None = None) -> Float32:
+    """Posterior mean of the water in a band, noise included, (row, column); equal to `x`, to the bit, where `v` is 0.
 
-    Parameters
-    ----------
-    x : (row, column) float32 ndarray
-        A band after removal.
-    v : (row, column) float32 ndarray
-        Variance of left-over glint in each pixel [unit of `x` squared].
-    s2 : float32
-        Variance of noise [unit of `x` squared].
-    side : int
-        Side of the window for the mean of the water [pixel].
-
-    Returns
-    -------
-    mean : (row, column) float32 ndarray
-        Equal to `x`, to the bit, where `v` is 0.
-    variance : (row, column) float32 ndarray
-        Variance of the error, noise included [unit of `x` squared].
+    x : (row, column), a band after removal
+    v : (row, column), variance of the glint that is left in each pixel [unit of `x` squared]
+    s2 : variance of noise [unit of `x` squared]
+    side : side of the window for the mean of the water [pixel]
+    error : (row, column), array for the variance of the error, noise included [unit of `x` squared]; None: not needed
     """
     import cv2
 
@@ -176,17 +166,22 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int) -> tuple[F
         return np.asarray(cv2.blur(a, (side, side), borderType=cv2.BORDER_REFLECT_101), np.float32)
 
     total = v + s2
-    weight = s2 / total
-    sums = np.maximum(mean(weight), np.float32(1e-9))
-    weighted = weight * x
+    weighted = s2 / total
+    sums = np.maximum(mean(weighted), np.float32(1e-9))
+    weighted *= x
     around = mean(weighted) / sums
     weighted *= x
-    water = mean(weighted) / sums - around * around  # around the window's own mean
+    water = mean(weighted) / sums
+    water -= around * around  # around the window's own mean
     known = s2 / sums
-    water = np.maximum(water - known, 0) + LEAST_VARIANCE * s2
+    water -= known
+    np.maximum(water, 0, out=water)
+    water += LEAST_VARIANCE * s2
     share = v / (total + water)
-    error = (1 - share) ** 2 * total + share**2 * (water + known / np.float32(side * side))
-    return np.asarray(x - (x - around) * share, np.float32), np.asarray(error, np.float32)
+    if error is not None:
+        error[...] = (1 - share) ** 2 * total + share**2 * (water + known / np.float32(side * side))
+    share *= x - around
+    return np.asarray(x - share, np.float32)
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:

@@ -45,8 +45,12 @@ class ReplaceBands:
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
     """State with `values` in pixels `where`, (band, row, column) both, marked as replaced; `changes`: fields to set."""
-    replaced = where if state.replaced is None else state.replaced | where
-    return replace(state, image=np.where(where, values, state.image), replaced=replaced, **changes)  # type: ignore[arg-type]
+    import cv2
+
+    replaced, image = where if state.replaced is None else state.replaced | where, state.image.copy()
+    for band, new, mask in zip(image, values, where, strict=True):
+        cv2.copyTo(new, mask.view(np.uint8), band)  # np.where takes ten times longer
+    return replace(state, image=image, replaced=replaced, **changes)  # type: ignore[arg-type]
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:

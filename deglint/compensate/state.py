@@ -37,6 +37,7 @@ class State:
     removed: Float32 | None = None  # glint that the removal subtracted
     variance: Float32 | None = None  # variance of the error of `image` [unit of the image squared]
     origin: tuple[int, int] = (0, 0)  # row and column of the block's first pixel in the scene
+    errors: bool = False  # whether stages compute `variance`
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:

@@ -105,22 +105,11 @@ def _span(band: Float32) -> Float32:
 
 
 def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()) -> Float32:
-    """Standard error of a block after all stages.
+    """Standard error of a block after all stages, (band, row, column) [unit of the band]; 0 where it is not estimated.
 
-    Parameters
-    ----------
-    state : State
-        The block after all stages, with the `variance` that a stage may have set and the light that was `removed`.
-        Pixels that are `replaced` get their error from `errors`.
-    model : GlintModel
-        Model of the removal.
-    errors : sequence of ReplacedError
-        Result of `fit_replaced`; empty if nothing is replaced by a background.
-
-    Returns
-    -------
-    (band, row, column) float32 ndarray
-        [unit of the band]; 0 for bands without an estimate.
+    state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
+    model : model of the removal
+    errors : result of `fit_replaced`, for pixels that were `replaced` by a background; empty if none were
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     for e in errors:

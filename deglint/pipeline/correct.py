@@ -136,7 +136,7 @@ class Correction:
 
     def _corrected(self, block: Block) -> npt.NDArray[Any]:
         """Corrected physical values of the tile, (band, row, column); `block.changes` says where they changed."""
-        physical = np.ascontiguousarray(block.own)
+        physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
         if self.changed and block.where.any():
             if self.chain.runs:
                 self._compensate(block, physical)
@@ -223,7 +223,8 @@ class Correction:
             wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
             around = wide.within(outer)
             state = State.of(block.wide[around], block.water[around], (cell.row0, cell.col0))
-            state, core = apply_chain(state, self.chain, self.model), cell.within(wide)
+            state = apply_chain(replace(state, errors=self.want_stderr), self.chain, self.model)
+            core = cell.within(wide)
             if self.want_stderr:
                 left = self.left.apply(state) if self.left else state
                 block.errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
@@ -249,15 +250,14 @@ class Correction:
             negative, clipped = encode(
                 physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place, nodata=layout.nodata
             )
-            counts = np.zeros((2, len(raw)), np.int64)
-            counts[:, bands] = np.count_nonzero([negative, clipped], axis=(2, 3))
-            tally.negative, tally.clipped = tally.negative + counts[0], tally.clipped + counts[1]
+            tally.negative[bands] += bits.numbers(negative)
+            tally.clipped[bands] += bits.numbers(clipped)
             flags[negative.any(axis=0)] |= bits.NEGATIVE
             flags[clipped.any(axis=0)] |= bits.CLIPPED
             if lost is not None:
                 lost[bands] &= ~place
         if lost is not None:
-            tally.clipped = tally.clipped + np.count_nonzero(lost, axis=(1, 2))
+            tally.clipped += bits.numbers(lost)
             flags[lost.any(axis=0)] |= bits.CLIPPED
         return raw
 

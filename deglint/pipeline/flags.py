@@ -83,11 +83,16 @@ def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[n
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
-        counts["replaced"] = np.count_nonzero(block.replaced, axis=(1, 2))
-    counts["changed"] = np.zeros(len(saturated), np.int64)
+        counts["replaced"] = numbers(block.replaced)
+    counts["changed"], counts["negative"], counts["clipped"] = np.zeros((3, len(saturated)), np.int64)
     for bands, place in block.changes:
         counts["changed"][bands] = np.count_nonzero(place)
-    return PixelCounts(total=block.tile.pixels, saturated=saturated.sum(axis=(1, 2)), **counts)
+    return PixelCounts(total=block.tile.pixels, saturated=numbers(saturated), **counts)
+
+
+def numbers(masks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Number of True in each of `masks` (mask, row, column), (mask,); with an axis, numpy takes ten times longer."""
+    return np.array([np.count_nonzero(mask) for mask in masks], np.int64)
 
 
 def glint_classes(

@@ -136,7 +136,7 @@ def encode(
     for i, rows in slabs(negative.shape):
         b = bands[i]
         values = physical[b, rows]
-        put = values.astype(np.float64)
+        put = values.astype(np.result_type(values, physical_dtype(raw.dtype)))
         if offsets[b] != 0:
             put -= offsets[b]
         if scales[b] != 1:
@@ -147,7 +147,7 @@ def encode(
     return negative, clipped
 
 
-def _put(put: npt.NDArray[np.float64], raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
+def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
     """Write `put` into `raw` in the type of `raw`, where `good` is True; all are (row, column).
 
     Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of

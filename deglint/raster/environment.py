@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 
-CACHE = 48 << 20  # GDAL's block cache [byte]; as tiles are read once, a larger one has no effect
+CACHE = 24 << 20  # GDAL's block cache [byte]; with twice as much, a removal takes 5 % less time and 40 MB more memory
 HTTP_PATIENCE = {
     "GDAL_HTTP_CONNECTTIMEOUT": "10",
     "GDAL_HTTP_LOW_SPEED_LIMIT": "1000",
