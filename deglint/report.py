@@ -1,26 +1,21 @@
 """Pictures of the result: before and after, side by side, with the same contrast stretch."""
 
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
-from .notebook import level, stretch
+from .plotting import natural_colour, thinned
 from .raster import FileBands, RasterSource
 from .raster.info import describe_file
 from .remove import GlintModel
 from .scene import Scene
-from .tiles import tile_shape, tiles
-
-LONGEST_PICTURE = 900  # longest side of each picture [pixel]
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     """A PNG of the scene beside its correction, the file `result`; captions name the bands, and the method of `model`.
 
-    Both halves have the same stretch: black is the 1st percentile of each corrected band; white is the 99.5th
-    percentile of the corrected band, or the 90th percentile of the raw band, whichever is higher.
+    Both halves have the same stretch (`natural_colour`).
     """
     import cv2
 
@@ -28,27 +23,13 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     bands = scene.rgb(known[::-1])
     info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
-        before, after = (_thinned(source, scene, bands) for source in (cast(RasterSource, scene.source), corrected))
-    low = level(after, 1)
-    high = np.maximum(level(after, 99.5), level(before, 90))
+        before, after = (thinned(source, scene.shape, bands) for source in (scene.source, corrected))
     names = ", ".join(scene.bands[b].name for b in bands)
-    left = _titled(stretch(before, low, high), f"before ({names})")
-    right = _titled(stretch(after, low, high), f"after {model.method}")
+    titles = f"before ({names})", f"after {model.method}"
+    left, right = (_titled(*part) for part in zip(natural_colour([before, after]), titles, strict=True))
     gap = np.full((len(left), 6, 3), 255, np.uint8)
     _ok, png = cv2.imencode(".png", np.hstack([left, gap, right])[..., ::-1])
     return bytes(png)
-
-
-def _thinned(source: RasterSource, scene: Scene, bands: list[int]) -> npt.NDArray[np.float32]:
-    """Physical values, (band, row, column), of every n-th row and column, read by tiles; at most `LONGEST_PICTURE`."""
-    step = max(1, -(-max(scene.height, scene.width) // LONGEST_PICTURE))
-    out = np.empty((len(bands), -(-scene.height // step), -(-scene.width // step)), np.float32)
-    side = tile_shape(scene.height, scene.width, len(bands), source.info.block_shapes[0])
-    for tile in tiles(scene.height, scene.width, side):
-        block = source.read(tile.window, bands)[:, -tile.row0 % step :: step, -tile.col0 % step :: step]
-        top, left = -(-tile.row0 // step), -(-tile.col0 // step)
-        out[:, top : top + block.shape[1], left : left + block.shape[2]] = block
-    return out
 
 
 def _titled(image: npt.NDArray[np.uint8], title: str) -> npt.NDArray[np.uint8]:

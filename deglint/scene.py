@@ -12,10 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from .errors import BandError, DeglintError
+from .errors import BandError
 
 FloatArray = npt.NDArray[np.floating[Any]]
-MIDDLE = 768  # largest side of the central part of a scene that a small picture shows [pixel]
 Window = tuple[tuple[int, int], tuple[int, int]]  # ((first row, last row + 1), (first column, last column + 1))
 
 
@@ -98,27 +97,26 @@ class Scene:
         sensor = f", sensor {self.sensor}" if self.sensor else ""
         return f"Scene({self.path!r}, {len(self.bands)} bands, {self.width} x {self.height} pixels{sensor})"
 
-    def _repr_html_(self) -> str:
-        from .notebook import shown, stretched
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the scene in natural colours; glint, clouds and foam are white. Needs matplotlib.
 
-        rows = [(f"{i} {b.name}", f"{b.wavelength:g} nm" if b.wavelength else "") for i, b in enumerate(self.bands, 1)]
-        middle = self.middle()
-        picture = None if middle is None else stretched([middle])
-        return shown(repr(self), [*rows, *(("note", note) for note in self.notes)], picture)
-
-    def middle(self) -> FloatArray | None:
-        """Red, green and blue of the central part of the scene, for a small picture; None if it cannot be read.
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
 
         Returns
         -------
-        (3, row, column) ndarray or None
-            At most `MIDDLE` rows and columns.
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError, ReadError
+            matplotlib is not installed; the file cannot be read.
         """
-        rows, columns = ((max((n - MIDDLE) // 2, 0), min((n + MIDDLE) // 2, n)) for n in (self.height, self.width))
-        try:
-            return self.source.read((rows, columns), self.rgb(range(len(self.bands))))
-        except DeglintError:
-            return None
+        from .plotting import drawn
+
+        return drawn([self], ax, "Scene.plot")
 
     def rgb(self, among: Sequence[int]) -> list[int]:
         """0-based indexes of the bands in `among` nearest to red, green and blue.

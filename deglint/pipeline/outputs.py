@@ -16,14 +16,12 @@ import numpy as np
 from .. import __version__
 from ..checks import as_path, check_choice
 from ..compensate.stages import Chain, chain_from
-from ..errors import DeglintError, InputError, NoWaterError
+from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
-from ..raster.environment import environment
 from ..readers.grid import pixel_size
 from ..readers.text import read_text
 from ..remove import GlintModel
-from ..scene import Band, FloatArray, Scene
-from .overview import raster_of
+from ..scene import Band, Scene
 
 if TYPE_CHECKING:
     from ..checksum import Checksum
@@ -119,26 +117,33 @@ class Result:
         bands = ", ".join(self.changed) or "none"
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
-    def _repr_html_(self) -> str:
-        from ..notebook import shown, stretched
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the scene before and after the correction, with one stretch in natural colours. Needs matplotlib.
 
-        pixels = self.sidecar["pixels"]["changed"]
-        rows = [(b["name"], f"{pixels.get(b['name'], 0)} pixels changed") for b in self.sidecar["bands"]]
-        rows += [("warning", w) for w in self.warnings]
-        before, after = self._middle([i["path"] for i in self.sidecar["input"]]), self._middle([self.sidecar["output"]])
-        return shown(repr(self), rows, None if before is None or after is None else stretched([before, after]))
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
 
-    def _middle(self, paths: list[str]) -> FloatArray | None:
-        """The central part (band, row, column) of the image in the files `paths`; None if it cannot be read."""
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError, ReadError
+            matplotlib is not installed; a file cannot be read.
+        """
+        from ..plotting import drawn
+
+        return drawn([self._scene([i["path"] for i in self.sidecar["input"]]), self._scene([self.sidecar["output"]])],
+                     ax, "Result.plot")  # fmt: skip
+
+    def _scene(self, paths: list[str]) -> Scene:
+        """The scene in the files `paths`, with the bands of this run."""
         from ..readers import open_scene
 
-        try:
-            with environment():
-                scene = open_scene(paths)
-                with raster_of(scene):
-                    return replace(scene, bands=tuple(Band(**b) for b in self.sidecar["bands"])).middle()
-        except (DeglintError, IndexError):
-            return None
+        return replace(open_scene(paths), bands=tuple(Band(**b) for b in self.sidecar["bands"]))
 
     @property
     def changed(self) -> tuple[str, ...]:

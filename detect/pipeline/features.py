@@ -13,7 +13,7 @@ from rasterio.features import bounds
 from rasterio.warp import transform as warp
 
 from deglint.errors import DeglintError, InputError
-from deglint.notebook import level, stretch
+from deglint.plotting import natural_colour
 from deglint.raster.output import Scratch, write_bytes, write_json, write_text
 from deglint.readers import open_scene
 from deglint.readers.grid import at
@@ -33,7 +33,6 @@ CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
 _CHIP_MARGIN = 12  # margin around an object [pixel of the scene]
 _SIZE = 192  # minimum side of a panel [pixel of the picture]
 _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel of the picture]
-_STRETCH = (2.0, 99.8)  # percentiles that are shown as black and white: the object has few pixels of a chip
 
 
 def to_wgs84(scene: Scene) -> Move | None:
@@ -135,7 +134,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
         rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, scene.shape[1:], strict=True))
         images = [each.read((rows, columns), bands=_rgb(each)) for each in scenes]
         images.append(np.stack([scores.read(1, window=(rows, columns))] * 3))
-        panels = [stretch(image, *(level(image, percent) for percent in _STRETCH)) for image in images]
+        panels = [natural_colour([image])[0] for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
         large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
         name = f"object_{o.label:04d}.png"

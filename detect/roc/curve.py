@@ -23,6 +23,7 @@ from typing import Any, Self
 import numpy as np
 
 from deglint.errors import InputError
+from deglint.plotting import axes
 
 from ..arrays import Array, Float64, Int64, Mask
 
@@ -172,11 +173,7 @@ class Roc:
         InputError
             matplotlib is not installed.
         """
-        try:
-            import matplotlib.pyplot as plt
-        except ImportError:
-            raise InputError("Roc.plot needs matplotlib: pip install 'deglint[reports]'.") from None
-        ax = plt.figure(figsize=(5, 4)).add_subplot() if ax is None else ax
+        ax = axes(ax, "Roc.plot")
         name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
         ax.plot(*self.vertices, label=name)
         ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),

@@ -1,0 +1,70 @@
+"""Pictures in natural colours: what `Scene.plot`, `Result.plot`, and the option --picture show."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import InputError
+
+LONGEST_PICTURE = 900  # longest side of a picture of a whole scene [pixel]
+AT_ONCE = 512  # rows that are read at a time [pixel]
+GAMMA = 1.8  # gamma correction: a picture shows x ** (1 / GAMMA) for values x from 0 to 1
+
+
+def axes(ax: Any, wanted_by: str) -> Any:
+    """`ax`, or if None the matplotlib axes of a new figure. Raises InputError: matplotlib is not installed."""
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise InputError(f"{wanted_by} needs matplotlib: pip install 'deglint[reports]'.") from None
+    return plt.figure(layout="constrained").add_subplot() if ax is None else ax
+
+
+def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
+    """Draw views of a scene (objects of class `Scene`) side by side on matplotlib axes, in one stretch; see `axes`."""
+    ax, first = axes(ax, wanted_by), scenes[0]
+    bands = first.rgb(range(len(first.bands)))
+    ax.imshow(np.hstack(natural_colour([thinned(s.source, first.shape, bands) for s in scenes])))
+    ax.set(title=first.path, xticks=[], yticks=[])
+    return ax
+
+
+def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
+    """Some bands (0-based) of every n-th row and column of a source, at most `LONGEST_PICTURE`; (band, row, column).
+
+    shape : bands, rows and columns of the source
+    """
+    _, height, width = shape
+    step = max(1, -(-max(height, width) // LONGEST_PICTURE))
+    parts = []
+    for row in range(0, height, AT_ONCE):
+        block = source.read(((row, min(row + AT_ONCE, height)), (0, width)), list(bands))
+        parts.append(block[:, -row % step :: step, ::step])
+    return np.concatenate(parts, axis=1)
+
+
+def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
+    """Images (red, green and blue, row, column) as pictures (row, column, 3) with one stretch; NaN is black.
+
+    Each band is divided by the range from the median to the 99th percentile of the first image, so that glint, clouds
+    and foam are white. Then all bands have the same black, the 1st percentile of the darkest band of the last image,
+    and the same white, the highest of the 99.5th percentiles of the last and the 90th percentiles of the first image.
+    """
+    first, last = images[0], images[-1]
+    unit = level(first, 99) - level(first, 50)
+    unit = np.where(unit > 0, unit, 1)
+    low = np.min(level(last, 1) / unit)
+    high = max(np.max(level(last, 99.5) / unit), np.max(level(first, 90) / unit), low + 1e-6)
+    pictures = []
+    for image in images:
+        share = np.clip(np.nan_to_num((image / unit[:, None, None] - low) / (high - low), nan=0.0), 0, 1)
+        pictures.append(np.ascontiguousarray((share ** (1 / GAMMA) * 255).astype(np.uint8).transpose(1, 2, 0)))
+    return pictures
+
+
+def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:
+    """A percentile of each band of an image (band, row, column), over its valid pixels; 0 if a band has none."""
+    found = [band[np.isfinite(band)] for band in image]
+    return np.array([np.percentile(values, percent) if values.size else 0.0 for values in found])
