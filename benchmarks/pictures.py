@@ -1,6 +1,6 @@
 """The pictures of simulated scenes in the README and in docs/: `python -m benchmarks pictures [--directory FOLDER]`.
 
-All have one stretch, in which glint is white; below each image stands its error. Scenes lie beside the project, but for
+All have one stretch, in natural colours; below each image stands its error. Scenes lie beside the project, but for
 its samples and those simulated here; those that are not there are left out.
 """
 
@@ -21,6 +21,7 @@ import numpy.typing as npt
 import detect
 from deglint import Recipe, open_scene, remove_glint
 from deglint.physics.presets import preset
+from deglint.plotting import natural_colour
 from deglint.raster.simulated import write_scene
 from deglint.scene import Scene
 from deglint.simulate import Setup, SubmergedObject, simulate
@@ -36,8 +37,6 @@ Picture = npt.NDArray[np.uint8]
 SAMPLES = ROOT / "sample_data"
 RGB = (660.0, 555.0, 480.0)
 """Wavelengths that are shown as red, green and blue [nm]."""
-GAMMA = 1.5
-"""Of the display: deep water is dark beside glint."""
 BAR = 30
 """Height of the line of text [pixel]."""
 RATE = 1e-4
@@ -54,7 +53,7 @@ OPENING = Recipe(compensate="psf:2, identify-level:13, targets, replace-level, r
 
 @dataclass(frozen=True)
 class View:
-    """A scene, the upper left corner of what is shown [pixel], the percentile of the raw image that is white [%].
+    """A scene, and the upper left corner of what is shown [pixel].
 
     The error of another recipe is printed, too, where the text compares it.
     """
@@ -63,7 +62,6 @@ class View:
     row: int
     column: int
     name: str
-    percentile: float = 75.0
     remedy: Recipe | None = None
 
 
@@ -84,7 +82,7 @@ def drawn(view: View, target: Path) -> None:
     images["--method hedley"] = deglinted(view.path, HEDLEY)[0]
     images["deglint remove"], fitted = deglinted(view.path)
     part = slice(None), slice(view.row, view.row + SIDE), slice(view.column, view.column + SIDE)
-    panels = stretched({name: image[part] for name, image in images.items()}, scene, view.percentile)
+    panels = stretched({name: image[part] for name, image in images.items()}, scene)
     errors = {name: known.error(image) for name, image in images.items() if name != "truth"}
     titles = [f"{name}: error {errors[name]:.0f} %" if name in errors else name for name in images]
     write(target, beside(map(doubled, panels), titles))
@@ -96,22 +94,25 @@ def drawn(view: View, target: Path) -> None:
 
 
 def readme(out: Path) -> None:
-    """`before_after.png`, `found.png` with the anomalies in the result, and `simulated.png`."""
-    scene = open_scene(SAMPLES / "sea.tif")
+    """`before_after.png`; `found.png`, with the anomalies in a result; and `simulated.png`, a scene and its truth."""
+    fine, middle, coarse = (SAMPLES / f"{name}.tif" for name in ("sea_025m", "sea_1m", "sea"))
+    known, scene = Known.of(fine), open_scene(fine)
+    images = {
+        "raw": values(fine),
+        "truth": values(fine.with_stem("sea_025m_truth")),
+        "deglint remove": deglinted(fine)[0],
+    }
+    titles = [n if n == "truth" else f"{n}: error {known.error(image):.0f} %" for n, image in images.items()]
+    write(out / "before_after.png", beside(stretched(images, scene), titles))
     with tempfile.TemporaryDirectory() as place:
         result, objects = Path(place) / "clean.tif", Path(place) / "found.geojson"
-        remove_glint(SAMPLES / "sea.tif", result)
-        clean = values(result)
+        remove_glint(coarse, result)
         detect.score_file(result, Path(place) / "scores.tif", detect.Recipe(pfa=RATE), objects=objects)
         found = [f["properties"] for f in json.loads(objects.read_text(encoding="utf-8"))["features"]]
-    truth = values(SAMPLES / "sea_truth.tif")
-    images = {"raw": values(SAMPLES / "sea.tif"), "truth": truth, "deglint remove": clean}
-    panels = stretched(images, scene, 75.0)
-    titles = [n if n == "truth" else f"{n}: error {rms_error(image, truth):.0f} %" for n, image in images.items()]
-    write(out / "before_after.png", beside(panels, titles))
-    write(out / "found.png", marked(panels[-1], [(o["column"], o["row"]) for o in found]))
-    fine = {"raw": values(SAMPLES / "sea_025m.tif"), "truth": values(SAMPLES / "sea_025m_truth.tif")}
-    write(out / "simulated.png", beside(stretched(fine, open_scene(SAMPLES / "sea_025m.tif"), 50.0), list(fine)))
+        *_, panel = stretched({"raw": values(coarse), "clean": values(result)}, open_scene(coarse))
+    write(out / "found.png", marked(panel, [(o["column"], o["row"]) for o in found]))
+    pair = {"raw": values(middle), "truth": values(middle.with_stem("sea_1m_truth"))}
+    write(out / "simulated.png", beside(stretched(pair, open_scene(middle)), list(pair)))
 
 
 def wiener(out: Path) -> None:
@@ -136,7 +137,7 @@ def wiener(out: Path) -> None:
         bands = rgb(scene)
         errors = {n: rms_error(i[bands], images["truth"][bands], slice(None)) for n, i in images.items()}
         titles = [n if n == "truth" else f"{n}: {error:.1f} %" for n, error in errors.items()]
-        panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene, 85.0)
+        panels = stretched({n: i[:, :SIDE, :SIDE] for n, i in images.items()}, scene)
         write(out / target, beside(map(doubled, panels), titles))
 
 
@@ -145,14 +146,9 @@ def rgb(scene: Scene) -> list[int]:
     return [int(np.argmin([abs((b.wavelength or 0.0) - w) for b in scene.bands])) for w in RGB]
 
 
-def stretched(images: dict[str, Image], scene: Scene, percentile: float) -> list[Picture]:
-    """Pictures in one stretch: white is the 99.9th percentile of the truth, or this one of the raw image [%]."""
-    bands = rgb(scene)
-    truth = images["truth"][bands]
-    glint = (images["raw"][bands] - truth).mean(axis=(1, 2))[:, None, None]  # divides each band, so that glint is white
-    white = max(np.percentile(truth / glint, 99.9), np.percentile(images["raw"][bands] / glint, percentile))
-    units = (np.clip(image[bands] / glint / white, 0, 1) ** (1 / GAMMA) for image in images.values())
-    return [np.ascontiguousarray((unit * 255).astype(np.uint8).transpose(1, 2, 0)) for unit in units]
+def stretched(images: dict[str, Image], scene: Scene) -> list[Picture]:
+    """Pictures in one stretch, in natural colours."""
+    return natural_colour([image[rgb(scene)] for image in images.values()])
 
 
 def doubled(panel: Picture) -> Picture:

@@ -48,13 +48,14 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
     """Images (red, green and blue, row, column) as pictures (row, column, 3) with one stretch; NaN is black.
 
-    Each band is divided by the range from the median to the 99th percentile of the first image, so that glint, clouds
-    and foam are white. Then all bands have the same black, the 1st percentile of the darkest band of the last image,
-    and the same white, the highest of the 99.5th percentiles of the last and the 90th percentiles of the first image.
+    If every band of the first image is brighter than that of the last, which is without glint, each band is divided by
+    the mean difference, so that glint is white. All bands then have the same black, the 1st percentile of the darkest
+    band of the last image; and the same white, the highest of the 99.5th percentiles of the last image and the 90th
+    percentiles of the first.
     """
     first, last = images[0], images[-1]
-    unit = level(first, 99) - level(first, 50)
-    unit = np.where(unit > 0, unit, 1)
+    glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])
+    unit = glint if (glint > 0).all() else np.ones(len(glint))
     low = np.min(level(last, 1) / unit)
     high = max(np.max(level(last, 99.5) / unit), np.max(level(first, 90) / unit), low + 1e-6)
     pictures = []

@@ -1,7 +1,7 @@
 """Make the sample scenes sea_025m and sea_1m, with their truth, beside this file: `python sample_data/make_samples.py`.
 
 Both show a reef edge, targets under water, a boat under way and (at 0.25 m) swimmers, under sun glint. Bands are not
-simultaneous: 20 ms from band to band at 0.25 m, WorldView-3's delays at 1.24 m. The same files come out each time.
+simultaneous: 60 ms from band to band at 0.25 m, WorldView-3's delays at 1.24 m. The same files come out each time.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from deglint.raster.simulated import write_scene
 from deglint.simulate import Bottom, FloatingTarget, Setup, SubmergedObject, simulate, square
 
 PARTS = ("_truth", "_truth_water", "_objects", "_cover")
-DIGITS = 12
-"""Binary digits that the truths keep, so that they compress: 0.01 %, far below the noise of the sensor."""
+DIGITS = 9
+"""Binary digits that the truths keep, so that they compress: 0.1 %, below the noise of the sensor."""
 
 
 def plank(right: float, down: float, length: float, width: float, turn: float, depth: float) -> SubmergedObject:
@@ -39,19 +39,19 @@ def sea_025m() -> Setup:
         (30.0, 74.0, 20.0, "orange"), (44.0, 12.0, 180.0, "skin"),
     )  # fmt: skip
     targets = tuple(
-        FloatingTarget(right=x, down=y, length=1.2, width=0.7, speed=1.0, heading=heading, material=material)
+        FloatingTarget(right=x, down=y, length=1.2, width=0.7, speed=0.5, heading=heading, material=material)
         for x, y, heading, material in swimmers
     )
     boat = FloatingTarget(right=30.0, down=32.0, length=8.0, width=2.6, speed=4.0, heading=65.0, wake=14.0)
-    squares = ((10.0, 10.0, 5.0, 0.30), (19.0, 10.0, 4.0, 0.25), (27.0, 10.0, 3.0, 0.20))
+    squares = ((10.0, 10.0, 6.0, 0.30), (20.0, 10.0, 5.0, 0.25), (29.0, 10.0, 4.0, 0.20))
     return Setup(
-        sensor=preset("thesis").delayed(0.020),
+        sensor=preset("thesis").delayed(0.060),
         size=(336, 336),
         wind=6.0,
         wind_from=20.0,
         objects=(
             *(square(x, y, side, reflectance=reflectance, depth=5.0) for x, y, side, reflectance in squares),
-            plank(37.0, 66.0, 14.0, 3.2, -20.0, 5.0),
+            plank(37.0, 66.0, 14.0, 4.4, -20.0, 5.0),
         ),
         targets=(boat, *targets),
         bottom=Bottom(
