@@ -1,4 +1,4 @@
-"""The tables of docs/detection.md: `python -m benchmarks detection [--docs] [--directory DIRECTORY]`.
+"""The tables of docs/evidence-detection.md: `python -m benchmarks detection [--docs] [--directory DIRECTORY]`.
 
 Ships found in ports, observed false-alarm rates, and probabilities of detection of small targets.
 """
@@ -19,4 +19,4 @@ def main(directory: Path | None, docs: bool) -> None:
             say(name, head, rows)
             found.append(table(head, rows))
     if docs:
-        fill(ROOT / "docs" / "detection.md", found)
+        fill(ROOT / "docs" / "evidence-detection.md", found)

@@ -145,7 +145,7 @@ def test_measured_parts_of_a_page_are_replaced(tmp_path):
     assert page.read_text() == f"a\n\n{timing.MARK}\n\nnew\n\n{timing.MARK}\n\nb\n"
     with pytest.raises(ValueError, match=r"page\.md needs .* each of 2 parts"):
         timing.fill(page, ["one", "two"])
-    pages = {"benchmark": 1, "detection": 4, "field": 4, "scale-model": 4}
+    pages = {"benchmark": 1, "evidence-detection": 4, "field": 4, "scale-model": 4}
     assert {n: (ROOT / "docs" / f"{n}.md").read_text().count(timing.MARK) // 2 for n in pages} == pages
 
 
