@@ -1,5 +1,6 @@
 """Settings of the site: `nox -s docs` builds it, without a network, and takes warnings as errors."""
 
+import re
 import shutil
 import sys
 import warnings
@@ -10,6 +11,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "helpers")]
 
 import deglint  # noqa: E402
+from deglint import sensors  # noqa: E402
 
 project, author, copyright = "deglint", "The deglint developers", "The deglint developers"  # noqa: A001
 version = release = deglint.__version__
@@ -72,6 +74,40 @@ def write_reference():
     (HERE / "reference" / "python.rst").write_text("\n".join(lines), encoding="utf-8")
 
 
+SENSORS = """# Sensors
+
+The sensors that `--sensor` knows. When the site is built, this page is written from `deglint/sensors.toml`.
+[Name bands and sensors](../bands.md) says how the bands of a file are matched, and how to add a sensor of your own.
+
+- **Centre** and **width** are the centre wavelength and the full width of a band.
+- **Time offset** is the time of a band after the first band. `-` means that it is not known.
+  The time offsets of Sentinel-2 are those of the odd-numbered detectors. Even-numbered detectors take the bands in the
+  reverse order.
+- Bands of one **group** are taken at (nearly) the same time.
+- *Verified* values were read in the public source that is named. *Unverified* values are commonly quoted, but no source
+  was read. *Defined* values belong to a sensor that exists only in simulations.
+"""
+
+
+def write_sensors():
+    """Write the page of the known sensors."""
+    lines = [SENSORS]
+    for sensor in map(sensors.load, sensors.names()):
+        times = next((b.time_status for b in sensor.bands if b.time_status), "not known")
+        known = [f"centres {sensor.wavelength_status}", f"widths {sensor.width_status}", f"time offsets {times}"]
+        known += [f"groups {sensor.group_status}"] if sensor.bands[0].group else []
+        other = ", ".join(f"`{name}`" for name in sensor.aliases)
+        order = "" if sensor.ordered else " Files come in more than one band order: bands are never matched by number."
+        lines += [f"## {sensor.name}", "", f"{sensor.title}. Other names: {other}. Values: {', '.join(known)}.{order}"]
+        lines += ["", "| band | centre [nm] | width [nm] | time offset [s] | group |", "|---|---:|---:|---:|---|"]
+        for b in sensor.bands:
+            time = "-" if b.time_offset is None else f"{b.time_offset:.3f}"
+            lines.append(f"| {b.name} | {b.wavelength:g} | {b.width:g} | {time} | {b.group or '-'} |")
+        sources = [re.sub(r"https:[^ ;,]+", r"<\g<0>>", source) for source in sensor.sources] or ["No source was read."]
+        lines += ["", *(f"- {source}" for source in sources), ""]
+    (HERE / "reference" / "sensors.md").write_text("\n".join(lines), encoding="utf-8")
+
+
 def as_literal(_app, _context, lines):
     """Show the examples of a command as code, not as lines of text."""
     out, inside = [], False
@@ -91,3 +127,4 @@ def setup(app):
 
 
 write_reference()
+write_sensors()
