@@ -94,9 +94,9 @@ class Threshold:
         In the unit of the scores (squared Mahalanobis distance for RX).
     method : str
         "chi2", "f", "quantile", "gpd", or "peaks": from the `score_top` of candidates, for a rate per km2.
-    pfa_designed : float
+    pfa_requested : float
         Requested false-alarm rate per background pixel; for "peaks" the observed rate.
-    pfa_achieved : float or None
+    pfa_observed : float or None
         Observed rate: fraction of the scores (targets included) greater than `value`; None where it is not known.
     n : int
         Number of scores; for "f" the number of pixels in the statistics; 0 for "chi2".
@@ -111,8 +111,8 @@ class Threshold:
 
     value: float
     method: str
-    pfa_designed: float
-    pfa_achieved: float | None = None
+    pfa_requested: float
+    pfa_observed: float | None = None
     n: int = 0
     standard_error: float | None = None
     numbers: Mapping[str, float] = field(default_factory=dict)
@@ -120,13 +120,13 @@ class Threshold:
 
     def measured(self, above: int | None, n: int) -> Self:
         """This threshold with the observed rate: `above` (None: not known) of `n` valid scores are greater."""
-        return self if above is None else replace(self, pfa_achieved=above / n if n else None)
+        return self if above is None else replace(self, pfa_observed=above / n if n else None)
 
     def __str__(self) -> str:
         error = "" if self.standard_error is None else f" +- {self.standard_error:.2g}"
-        got = "not measured" if self.pfa_achieved is None else f"{self.pfa_achieved:.3g}"
+        got = "not measured" if self.pfa_observed is None else f"{self.pfa_observed:.3g}"
         # for --false-per-km2 no rate per pixel was requested
-        asked = "" if self.method == "peaks" else f"requested {self.pfa_designed:.3g}, "
+        asked = "" if self.method == "peaks" else f"requested {self.pfa_requested:.3g}, "
         return f"threshold {self.value:.6g}{error} ({self.method}): Pfa {asked}observed {got}"
 
 

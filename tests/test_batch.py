@@ -153,7 +153,7 @@ def test_extras_go_where_their_names_say(deglint, place):
     batch(deglint, place)
     assert set(made(place)) == {
         "a_clean.tif", "a_clean.tif.json", "a_clean_flags.tif", "a_clean_amount.tif", "a_clean_picture.png",
-        "a_clean_sample.geojson", "a_clean_model.json",
+        "a_clean_sample.geojson", "a_clean_model.json", "a_clean_flags.tif.aux.xml",
     }  # fmt: skip
     (place / "out" / "a_clean_flags.tif").unlink()  # as if the run had been killed between two moves
     rows, _ = batch(deglint, place)

@@ -61,7 +61,7 @@ def run(source, folder, recipe, **options):
     result = remove_glint(
         source, folder / "out.tif", recipe, flags=folder / "f.tif", amount=folder / "a.tif", **options
     )
-    assert sorted(p.name for p in folder.iterdir()) == ["a.tif", "f.tif", "out.tif", "out.tif.json"]
+    assert sorted(p.name for p in folder.iterdir()) == ["a.tif", "f.tif", "f.tif.aux.xml", "out.tif", "out.tif.json"]
     return result
 
 

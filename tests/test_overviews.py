@@ -1,11 +1,14 @@
 """Overviews and flag rasters: valid cloud-optimised files, means that leave nodata out, codes that are not averaged."""
 
+from xml.etree import ElementTree as ET
+
 import numpy as np
 import pytest
 import rasterio
 from rio_cogeo import cog_validate
 
 from deglint import open_scene
+from deglint.pipeline.flags import GLINT_CLASSES
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
 from deglint.raster.output import Layout, RasterWriter, Scratch, levels
@@ -87,4 +90,13 @@ def test_flag_rasters_of_both_programs_have_colours(request, sea, write, tmp_pat
     assert request.getfixturevalue(program)(*call, source, tmp_path / "out.tif", "--flags", flags).code == 0
     with rasterio.open(flags) as dataset:
         assert dataset.colorinterp[0].name == "palette"
-    assert not list(tmp_path.glob("*.aux.xml"))
+        meanings = {int(k[5:]): v for k, v in dataset.tags(1).items() if k.startswith("FLAG_")}
+    (beside,) = tmp_path.glob("*.aux.xml")
+    bands = [[c.text for c in band.iter("Category")] for band in ET.parse(beside).iter("PAMRasterBand")]
+    assert len(bands[0]) == 256
+    assert bands[0][0] == "no flag"
+    assert all(meaning.startswith(bands[0][bit]) for bit, meaning in meanings.items())
+    first, second = list(meanings)[:2]
+    assert bands[0][first | second] in (f"{bands[0][a]}; {bands[0][b]}" for a, b in ((first, second), (second, first)))
+    if program == "deglint":
+        assert bands[1] == list(GLINT_CLASSES.values())

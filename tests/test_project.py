@@ -74,7 +74,7 @@ def test_examples_in_docstrings_run(name):
 
 
 def test_glint_comes_off_the_sample_scenes(tmp_path):
-    """Error in percent of the water level, COASTAL to RED, against truth; of `sea` each band follows the NIR of its set."""
+    """Error in percent of the water level, COASTAL to RED; in `sea` each band follows the NIR of its own set."""
     import re
 
     from benchmarks.scenes import Known

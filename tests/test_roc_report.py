@@ -90,7 +90,7 @@ def test_report_and_json_say_what_the_arrays_say(files, rxdetect):
         bands = bootstrap(scores, truth, valid, draws=80, seed=3)
         assert (said["bootstrap"]["low"], said["bootstrap"]["high"]) == bands.auc
         for point in said["operating_points"]:
-            assert point["pd"] == roc.point(point["pfa_designed"]).pd
+            assert point["pd"] == roc.point(point["pfa_requested"]).pd
             assert point["objects"] == 6
             assert point["false_alarms_per_km2"] == pytest.approx(point["false_alarms"] / 0.476)
         assert {o["number"] for o in said["objects"]["table"]} == {1, 2, 3, 4, 5, 6}

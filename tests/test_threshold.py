@@ -76,7 +76,7 @@ def test_quantile_is_the_least_score_that_few_enough_exceed(values, pfa):
         return
     found = from_quantile(scores, pfa)
     assert (scores > found.value).sum() <= allowed
-    assert found.pfa_achieved == (scores > found.value).mean()
+    assert found.pfa_observed == (scores > found.value).mean()
     lower = scores[scores < found.value]
     assert lower.size == 0 or (scores > lower.max()).sum() > allowed
 
@@ -84,7 +84,7 @@ def test_quantile_is_the_least_score_that_few_enough_exceed(values, pfa):
 def test_quantile_leaves_nan_out():
     scores = np.concatenate([np.arange(1000.0), np.full(5000, np.nan)]).reshape(60, 100)
     found = from_quantile(scores, 0.01)
-    assert (found.value, found.n, found.pfa_achieved) == (989.0, 1000, 0.01)
+    assert (found.value, found.n, found.pfa_observed) == (989.0, 1000, 0.01)
 
 
 @given(st.integers(1, 50), st.integers(1, 6), st.randoms(use_true_random=False))
@@ -109,7 +109,7 @@ def test_thresholds_from_tiles_are_those_of_the_whole():
     tiles = Tail.merge([Tail.of(scores[r : r + 128], 5000) for r in range(0, 400, 128)])
     for find in (from_quantile, from_gpd):
         a, b = find(scores, 1e-3), find(tiles, 1e-3)
-        assert (a.value, a.pfa_achieved, a.standard_error) == (b.value, b.pfa_achieved, b.standard_error)
+        assert (a.value, a.pfa_observed, a.standard_error) == (b.value, b.pfa_observed, b.standard_error)
 
 
 @pytest.mark.parametrize("shape", [-0.3, -0.1, 0.0, 0.2, 0.8])
@@ -140,7 +140,7 @@ def test_gpd_of_chi2_scores_comes_near_the_law():
     for pfa in (1e-3, 1e-5):
         found, exact = from_gpd(scores, pfa), from_chi2(pfa, 8).value
         assert found.value == pytest.approx(exact, abs=max(4 * found.standard_error, 0.01 * exact))
-        assert found.pfa_achieved == np.mean(scores > found.value)
+        assert found.pfa_observed == np.mean(scores > found.value)
 
 
 def test_a_threshold_says_both_rates():

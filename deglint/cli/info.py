@@ -68,7 +68,7 @@ def lines(found: dict[str, Any]) -> list[str]:
         if found[key] is not None:
             out.append(f"{text:<18}{found[key]:.1%}")
     if found["glint_level"] is not None:
-        out.append(f"{'glint level':<18}{found['glint_level']:.4g} (mean NIR of the sample above its 5th percentile)")
+        out.append(f"{'glint level':<18}{found['glint_level']:.4g} (median glint of the sample, unit of the NIR)")
     out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
     said = {*found["opened"], *found["tried"], found["reason"]}
     return [*out, "", *(note for note in found["notes"] if note not in said), *found["tried"]]

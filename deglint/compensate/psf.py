@@ -58,34 +58,17 @@ class PSF:
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
     """PSF of a band from the sensor's optics: Fourier transform of the MTF `deglint.physics.sensor.mtf`.
 
-    Parameters
-    ----------
-    wavelength : float
-        Centre of the band [nm].
-    f_number : float
-        Focal length divided by the diameter of the aperture.
-    pitch : float
-        Distance between the centres of neighbouring detector elements [m].
-    smear : float
-        Motion during the exposure, along the columns of the image [pixel].
+    wavelength : centre of the band [nm]
+    f_number : focal length divided by the diameter of the aperture
+    pitch : distance between the centres of neighbouring detector elements [m]
+    smear : motion during the exposure, along the columns of the image [pixel]
 
-    Returns
-    -------
-    PSF
-        The smallest kernel with at most 3 % of the light outside; at most 21 pixels wide.
+    Returns the smallest kernel with at most 3 % of the light outside; at most 21 pixels wide. The optics are assumed to
+    be perfect and in focus, with a round, unobstructed aperture, and the band to have one wavelength. The share of the
+    light outside radius R [pixel] is about ``2 Q / (pi**2 R)`` with Q = wavelength * f_number / pitch.
 
-    Raises
-    ------
-    InputError
-        A number is outside the range of the model of the optics.
+    Raises InputError: a number is outside the range of the model of the optics.
 
-    Notes
-    -----
-    Assumes perfect optics with a round, unobstructed aperture, in focus, and one wavelength for the band. The share of
-    the light outside radius R [pixel] is about ``2 Q / (pi**2 R)`` with Q = wavelength * f_number / pitch.
-
-    References
-    ----------
     Boreman (2001), Modulation Transfer Function in Optical and Electro-Optical Systems, doi:10.1117/3.419857.
 
     Examples

@@ -212,9 +212,9 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
         raise InputError("the model holds the detector strips of another scene: fit it to this one.")
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    fitted = Fitted(model, resolved, chain=chain)
+    fitted = Fitted(model, replace(resolved, compensate=chain.text or "off"), chain=chain)
     if recipe.mask == "auto":
-        overview = overview_of(scene, model.index_bands[0], threads, wanted=True)
+        overview = overview_of(scene, model.indexes[0].bands[0], threads, wanted=True)  # the NIR, as in a fit
         fitted = replace(fitted, water=overview.water, water_bands=role_bands(overview.roles))
     note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
     log_model(model, [note])

@@ -251,11 +251,27 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
     """Open a `RasterWriter` for each of several images; the keys of both dictionaries are names of images."""
+    for target, layout in images.values():
+        if layout.flags:
+            write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))
     with contextlib.ExitStack() as stack:
         yield {
             name: stack.enter_context(RasterWriter(scratch.add(target), target, layout))
             for name, (target, layout) in images.items()
         }
+
+
+def _categories(layout: Layout) -> str:
+    """Names of all values in a raster of flags, as the file .aux.xml that GDAL reads beside the raster."""
+    kinds = {bit: text.partition(",")[0].partition(" (")[0] for bit, text in layout.flags.items()}
+    first = ["; ".join(kind for bit, kind in kinds.items() if value & bit) or "no flag" for value in range(256)]
+    others = (tags.get("", {}) for tags in layout.info.band_tags[1 : len(layout.bands)])
+    second = [v for tags in others for k, v in tags.items() if k.startswith("CLASS_")]
+    out = "<PAMDataset>"
+    for number, names in enumerate((first, second), 1):
+        rows = "".join(f"<Category>{name}</Category>" for name in names)
+        out += f'<PAMRasterBand band="{number}"><CategoryNames>{rows}</CategoryNames></PAMRasterBand>' if rows else ""
+    return f"{out}</PAMDataset>\n"
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:

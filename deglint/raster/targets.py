@@ -220,8 +220,8 @@ class Scratch:
                 raise
             said = f"{error.strerror or error}: {error.filename2 or error.filename or places[-1][1]}"
             raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
-        for _scratch, target in places:  # companions of old files do not hold for the new ones
-            _discard(*(Path(f"{target}{ending}") for ending in COMPANIONS))
+        fresh = {target for _scratch, target in places}
+        _discard(*(beside for target in fresh for beside in _companions(target) if beside not in fresh))  # old ones
         _discard(*kept)
 
 

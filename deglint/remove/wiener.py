@@ -318,7 +318,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     clean = float(np.median(sample.value[green] - slopes[green] * above))
     model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
     lowest, chosen, middle = interval
-    if chosen <= SHEET * clean:
+    if chosen <= max(SHEET * clean, 0):
         return model
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "

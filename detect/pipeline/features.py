@@ -182,7 +182,9 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     write_text(scratch, path.with_suffix(".qml"), style)
     rows = [row["properties"] for row in document["features"]]
     types = {int: "INTEGER", float: "REAL"}
-    columns = {k: types.get(type(v), "TEXT") for row in rows for k, v in row.items() if v is not None}
+    known = {k: v for row in rows for k, v in dict.fromkeys(row, 0.0).items()}  # numbers, if all are null
+    known |= {k: v for row in rows for k, v in row.items() if v is not None}
+    columns = {k: types.get(type(v), "TEXT") for k, v in known.items()}
     srs = 4326 if geographic else -1
     whole = bounds(document) if rows else (None,) * 4
     with sqlite3.connect(place) as db:

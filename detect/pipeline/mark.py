@@ -141,7 +141,7 @@ class Marker:
         document = to_geojson(found, move)
         for feature, r, motion, chip in zip(document["features"], rated, moved, chips, strict=True):
             feature["properties"] |= described(*r, move) | motion
-            feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_designed}
+            feature["properties"] |= {"threshold": threshold.value, "pfa": threshold.pfa_requested}
             feature["properties"] |= {"chip": chip} if chip else {}
         write_features(scratch, targets.objects, document, geographic=move is not None)
         return len(rated)

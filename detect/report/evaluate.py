@@ -241,7 +241,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     sign, square_km = request.sign, np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
     points: list[dict[str, Any]] = []
     for point in map(roc.point, rates):
-        rate = point.pfa_designed
+        rate = point.pfa_requested
         low, high = (bands and float(np.interp(rate, bands.pfa, getattr(bands, end))) for end in ("low", "high"))
         points.append(asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high})
         if found is not None:

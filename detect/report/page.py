@@ -82,7 +82,7 @@ def table(numbers: dict[str, Any]) -> list[str]:
     judged = f"{pixels['judged']} of {pixels['total']} pixels judged: {pixels['targets']} of targets"
     out = [f"{judged} ({counted(pixels['objects'], 'object')}), {pixels['background']} of background"]
     out += [f"left out: {n} {why}" for why, n in pixels["left_out"].items()]
-    rates = [p["pfa_designed"] for p in numbers["detectors"][0]["operating_points"]]
+    rates = [p["pfa_requested"] for p in numbers["detectors"][0]["operating_points"]]
     wide = max(8, *(len(d["name"]) for d in numbers["detectors"]))
     out += ["", f"{'detector':<{wide}}  {'AUC':>7}  {'interval':>15}  {'pAUC':>8}  {'AP':>7}"
             + "".join(f"  {f'Pd@{r:.0e}':>9}" for r in rates)]  # fmt: skip
@@ -145,7 +145,7 @@ def roc_curves(found: Evaluation) -> Figure:
         at = np.sort(np.concatenate([grid, pfa[pfa >= low]]))
         (line,) = ax.plot(at, np.interp(at, pfa, pd), label=d.name)
         points = d.numbers["operating_points"]
-        ax.plot([p["pfa_designed"] for p in points], [p["pd"] for p in points], "o", fillstyle="none",
+        ax.plot([p["pfa_requested"] for p in points], [p["pd"] for p in points], "o", fillstyle="none",
                 color=line.get_color())  # fmt: skip
         if d.bands is not None:
             ax.fill_between(d.bands.pfa, d.bands.low, d.bands.high, alpha=0.15, color=line.get_color(), linewidth=0)

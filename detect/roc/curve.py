@@ -34,7 +34,7 @@ _Z = 1.959963984540054  # half-width of a normal interval of 95 % in standard er
 class OperatingPoint:
     """Rates of false alarms and of detection at a threshold; pixels with greater scores are detected."""
 
-    pfa_designed: float  # requested false-alarm rate; `pfa` is at most this
+    pfa_requested: float  # requested false-alarm rate; `pfa` is at most this
     threshold: float
     pfa: float  # fraction of background pixels that are detected
     pd: float  # fraction of target pixels that are detected

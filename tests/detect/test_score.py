@@ -93,7 +93,7 @@ def test_threshold_and_objects(rxdetect, scene, tmp_path, law):
         "chi2": lambda: threshold.from_chi2(1e-3, 4),
     }[law]()
     assert said["threshold"]["value"] == pytest.approx(expected.value, rel=1e-12)
-    assert said["threshold"]["pfa_achieved"] == pytest.approx((valid > expected.value).mean(), abs=1e-12)
+    assert said["threshold"]["pfa_observed"] == pytest.approx((valid > expected.value).mean(), abs=1e-12)
     features = json.loads(marked.read_text())["features"]
     assert len(features) == said["objects"] >= 1
     first = features[0]["properties"]

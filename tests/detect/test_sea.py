@@ -311,7 +311,7 @@ def test_a_tail_without_a_mean_gives_its_quantile():
     threshold = clutter.threshold(1e-3)
     assert threshold.method == "quantile"
     assert "no mean" in threshold.notes[0]
-    assert threshold.pfa_achieved == pytest.approx(1e-3, rel=0.02)
+    assert threshold.pfa_observed == pytest.approx(1e-3, rel=0.02)
 
 
 PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
