@@ -198,11 +198,16 @@ def test_a_saved_model_goes_onto_another_scene(deglint, sea, write, read, tmp_pa
     }
 
 
-def test_a_model_with_the_automatic_mask(deglint, sea, write, read, tmp_path):
-    first = write(tmp_path / "first.tif", sea(200, 200))
+@pytest.mark.parametrize("scene", ["plain", "with red edge"])
+def test_a_saved_model_gives_the_same_on_its_own_scene(deglint, sea, write, read, tmp_path, scene):
+    """Also where a reference comes before the NIR in the file: water is found with the NIR, stages are applied."""
+    samples = Path(__file__).parents[1] / "sample_data"
+    first = samples / "sea.tif" if scene == "with red edge" else write(tmp_path / "first.tif", sea(200, 200))
     assert deglint("remove", first, tmp_path / "a.tif", "--save-model", tmp_path / "m.json").code == 0
     assert deglint("remove", first, tmp_path / "b.tif", "--model", tmp_path / "m.json").code == 0
     np.testing.assert_array_equal(read(tmp_path / "a.tif"), read(tmp_path / "b.tif"))
+    fitted, applied = (json.loads((tmp_path / f"{name}.tif.json").read_text())["recipe"] for name in "ab")
+    assert applied["compensate"] == fitted["compensate"]
 
 
 def test_no_sample_to_save_is_said(deglint, sea, write, tmp_path):
