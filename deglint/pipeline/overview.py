@@ -149,7 +149,7 @@ class Job:
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
         """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
 
-        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished tiles and of all.
+        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished and of all tiles.
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)

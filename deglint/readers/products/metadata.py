@@ -70,7 +70,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The only item in `found`. InputError: there are several `what`; the message has four `names` and `remedy`."""
+        """The only item in `found`; InputError if several; its message has `what` (a plural), `names`, `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
