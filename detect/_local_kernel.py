@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, by spans that double; overwrites `values`, `spare`."""
+    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, from sums of 1, 2, 4, ... terms; overwrites inputs."""
     done, span = 0, 1
     while True:
         if width & span:

@@ -126,7 +126,7 @@ def is_archive(path: str) -> bool:
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
-    """List the files in a folder and its subfolders; links to folders are not followed."""
+    """List the files in a folder and its subfolders; links to folders are not followed; `named`: see `Container`."""
     files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
     members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
     return Container(str(path), "folder", tuple(sorted(members)), named)
