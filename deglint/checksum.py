@@ -34,7 +34,7 @@ class Checksum:
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
-        """Name, size [byte] and checksum (8 hexadecimal digits, or None) of each file.
+        """Name, size [byte] and CRC-32 (8 hexadecimal digits) of each file; None for size and CRC-32 if unreadable.
 
         Raises ReadError: a file was changed while it was read, so the result may mix old and new content.
         """

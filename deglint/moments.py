@@ -94,7 +94,7 @@ class CellMoments:
     def joined(self, levels: int) -> CellMoments:
         """Merge the cells of each row in groups of 2**levels columns of cells, from the left edge of the scene.
 
-        In a group, neighbours are merged first. Merged groups do not change. The result is in row-major order.
+        In a group, neighbours are merged first. A group that is one cell is kept. The result is in row-major order.
         """
         out = self.by_place()
         for level in range(1, levels + 1):

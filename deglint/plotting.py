@@ -48,10 +48,10 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
     """Images (red, green and blue, row, column) as pictures (row, column, 3) with one stretch; NaN is black.
 
-    If every band of the first image is brighter than that of the last, which is without glint, each band is divided by
-    the mean difference, so that glint is white. All bands then have the same black, the 1st percentile of the darkest
-    band of the last image; and the same white, the highest of the 99.5th percentiles of the last image and the 90th
-    percentiles of the first.
+    The last image is without glint. If the first image is brighter in the mean of every band, each band of all images
+    is divided by its mean difference between the two, so that glint is white. All bands then have the same black, the
+    1st percentile of the darkest band of the last image; and the same white, the highest of the 99.5th percentiles of
+    the last image and the 90th percentiles of the first.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

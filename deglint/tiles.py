@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least one, or, if too large, `side`."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step

@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, by spans that double; overwrites `values`, `spare`."""
+    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, from sums of 1, 2, 4, ... terms; overwrites inputs."""
     done, span = 0, 1
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sum first * second, (row, column), along rows: over the window into `whole`, without the guard into `beside`."""
+    """Sum first * second along rows: bar, guard and bar into `whole`; only bars into `beside` (see `ring_moments`)."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)

@@ -115,7 +115,7 @@ def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Fl
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """A Gaussian (row, column) of height `PLUME`, random near the centre; standard deviation: a fifth of the tile."""
+    """Contrast (row, column): Gaussian of height `PLUME` at a random place; standard deviation: a fifth of the tile."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2

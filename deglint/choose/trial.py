@@ -227,7 +227,7 @@ class _Run:
 
     images: list[Float32]  # (band, row, column) of each tile, without signals
     responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
-    targets: list[Mask]  # (row, column) of each tile: targets that the candidate recognised; empty for a copy
+    targets: list[Mask]  # (row, column) of each tile: targets that the candidate recognised; [] for "copy"
 
 
 def _run(

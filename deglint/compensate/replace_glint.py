@@ -67,7 +67,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """For each band, order the others by distance in wavelength; by distance in the file if these are not known."""
+    """For each band, order the others by distance in wavelength, or in the file if wavelengths are not known."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     count = range(len(place))

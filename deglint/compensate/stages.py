@@ -160,7 +160,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Check that each stage comes after the stages whose results it needs. Raises InputError: one does not."""
+    """Check that each stage comes after the stages whose results it needs; else raise InputError."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]

@@ -84,7 +84,7 @@ class Targets:
     glint: Sequence[float] = ()  # relative radiance of glint over `light`
     time: Sequence[float] = ()  # time offset [s]
     flash_share: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
-    full: Sequence[float] = ()  # value from which a band is saturated; empty if the bands span more than `LASTS`
+    full: Sequence[float] = ()  # value from which a band is saturated; empty if a band delay exceeds `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
     first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
@@ -120,7 +120,7 @@ class Targets:
 
     @cached_property
     def _steps(self) -> Float32:
-        """`following`, log probabilities of bins, as an array (table, bin in the band before, bin)."""
+        """Log probabilities of bins (`following`) as an array, (table, bin in the band before, bin in the band)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
@@ -189,7 +189,7 @@ class Excess:
 
     def saturated(self) -> Mask:
         """Mask (row, column) of pixels saturated in a band, and of their neighbours (3 x 3). They are not tested for
-        targets, as clipped sparkle has the spectrum of white paint. All False if the bands span more than `LASTS`.
+        targets, as clipped sparkle has the spectrum of white paint. All False if a band delay exceeds `LASTS`.
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
@@ -263,8 +263,8 @@ class Excess:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
     """Fit the stage to a scene: histograms of sparkle and the detection threshold.
 
-    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. `sample`:
-    after the stages before; without a background, the local mean is used. `number`: false-alarm rate, None for `RATE`.
+    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. Where
+    `sample` has no background, the local mean is used. `number` is the false-alarm rate of a pixel, None for `RATE`.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not setting.delayed:
@@ -323,7 +323,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample's pixels that are targets, without the condition `Excess.afloat`."""
+    """Share of the sample's pixels that are targets, with `Excess.afloat` set to False."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -369,7 +369,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels (lit in the first band, up to the median of lit ones) that are `steady` in all bands."""
+    """Share of faint pixels that are `steady` in all bands; faint: the darker half of those lit in the first band."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0

@@ -340,7 +340,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> Wate
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:
-    """Threshold of the NIR between water and the end of the gap beside it.
+    """Threshold of the NIR in the gap of the histogram above water.
 
     `nir`: sorted values (pixel,). `level`: NIR of typical water, where the histogram starts. `high`: end of the gap.
     The peak of the histogram is water, and ends at a foot. The threshold lies at `INTO_GAP` of the way from the foot

@@ -105,7 +105,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
     A pixel is in the sample if the square of 15 x 15 pixels around it is (1) away from everything that is not water;
-    (2) dark: Otsu's threshold excludes the brighter water while the visible means of the squares have two classes,
+    (2) dark: while the visible means of the squares have two clear classes, Otsu's threshold excludes the brighter one,
     first with glint and then with glint subtracted; then the brighter half is excluded; (3) even: the variance of the
     visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the squares with the
     largest NIR variance (the strongest glint), or in half or all of them if the sample were too small. Strong glint is

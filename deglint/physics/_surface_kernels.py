@@ -67,8 +67,8 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
     """Fill `out` with the spectrum of the height at a time [s], or of (east slope + i * north slope) if `slopes`.
 
     `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r hold the same waves, so both
-    are filled for each r of the slab, which lies within 0..rows // 2. `physics` is (surface tension divided by density
-    [m3/s2], acceleration of gravity [m/s2]).
+    are filled for r from slab[0] to slab[1] - 1, which is at most rows // 2. `steps`: steps of the wavenumber from row
+    to row and from column to column [rad/m]. `physics`: surface tension over density [m3/s2] and gravity [m/s2].
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps

@@ -25,7 +25,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties [1/m]: total absorption, scattering by water and by particles; arrays broadcast."""
+    """Inherent optical properties [1/m]: total absorption; scattering and backscattering by water and by particles."""
 
     absorption: Array
     water_scattering: Array

@@ -88,7 +88,7 @@ class Correction:
     noise: tuple[float, ...] = ()  # standard deviation of noise of each band in `changed`, for glint classes
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # one per band: standard errors of a chain with an opening
-    left: Posterior | None = None  # estimates the variance, for standard errors of a removal without stages
+    left: Posterior | None = None  # variance of glint that is left, for standard errors of a removal without stages
 
     @property
     def amount_bands(self) -> list[int]:

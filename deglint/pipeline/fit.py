@@ -114,8 +114,8 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to an overview of a part of the scene. If it has too little water, or the tolerance is not reached, fit to a
-    larger part; the last part is the whole scene.
+    """Fit to an overview of a part of the scene. If it has too little water, or an automatic sample does not reach
+    `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
     """
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:

@@ -91,7 +91,7 @@ def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[n
 
 
 def numbers(masks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Number of True in each of `masks` (mask, row, column), (mask,); with an axis, numpy takes ten times longer."""
+    """Number of True in each of `masks` (mask, row, column), (mask,); ten times faster than numpy with an axis."""
     return np.array([np.count_nonzero(mask) for mask in masks], np.int64)
 
 

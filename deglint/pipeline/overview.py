@@ -45,7 +45,7 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of ever larger parts of a scene, at last of all, with a water rule if `wanted`; nir: 0-based."""
+    """Yield overviews of ever larger parts of a scene, the last of all; `wanted`: with a water rule; `nir`: 0-based."""
     roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
     place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
     compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
@@ -75,7 +75,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
-    """All tiles of a scene; if too many for memory, as many as fit of those with valid pixels in 0-based band `nir`."""
+    """All tiles of a scene; if too many for memory, some of those with valid pixels in the 0-based band `nir`."""
     total = scene.height * scene.width
     if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
@@ -94,7 +94,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview with water, or the last if none has water; the first if `Overview.water` is None there."""
+    """The first overview in which water is found, or the last; the first if water is not searched for (None)."""
     for overview in overviews(scene, nir, threads, wanted=wanted):
         if overview.water is None or overview.water.has_water:
             break
@@ -149,7 +149,7 @@ class Job:
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
         """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
 
-        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished tiles and of all.
+        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished and of all tiles.
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)

@@ -1,4 +1,4 @@
-"""Fits to the sample of a scene: reading training tiles; fits to them, trials of candidates on them; pointwise fits.
+"""Fit to the sample of a scene: read training tiles, fit to them or try candidates on them; fit pointwise methods.
 
 A pointwise method uses no neighbouring pixels. With a tolerance, tiles spread over the scene are read in batches, until
 the relative standard error of the glint in each corrected band (`deglint.remove.glint_error`) is at most the tolerance,
@@ -184,8 +184,8 @@ def _of_kernels(job: Job) -> FitRequest:
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel], where openings are too
-    dark. If less than half of the pixels would be left, the samples are not changed.
+    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel]: openings are too dark
+    there. If less than half of the pixels would be left, the samples are not changed.
     """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
     enough = 2 * sum(int(t.sample.sum()) for t in inner) >= sum(int(t.sample.sum()) for t in tiles)

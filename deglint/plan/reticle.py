@@ -253,7 +253,7 @@ def best_geometry(
 
 
 def description(geometry: ViewingGeometry | None) -> str:
-    """Text that says from where to look, and how much contrast and glint to expect there."""
+    """Text that says from where to look, and which contrast and glint to expect; for None, that no geometry is good."""
     return sentence(geometry) if geometry is None else f"{sentence(geometry)} {quality(geometry)}"
 
 

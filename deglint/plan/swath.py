@@ -132,7 +132,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
     The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
     the share `FREE` of the view is in glint. If there is none, the time (or tilt) with the least glint is selected, if
-    its share is below `GAIN` times that on the best heading of `line`. Empty if a heading of `line` is good.
+    its share is below `GAIN` times that on the best heading of `line`. Empty if `line.is_good`.
     """
     if line.is_good:
         return ()

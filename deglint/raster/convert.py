@@ -24,7 +24,7 @@ correction takes a tenth longer."""
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """Type of the physical values, given the type of the file: float32 for up to 16 bits and float32, else float64."""
+    """Type of physical values, given the file type: float32 for float32 and types of up to 16 bits, else float64."""
     single = np.dtype(np.float32)
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 

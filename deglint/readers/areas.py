@@ -113,7 +113,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """The area of the polygons in a GeoJSON document; `name`, the name of its file, is for messages.
 
     The member `crs` of the document names the CRS of the polygons. Without `crs`, coordinates are longitude, latitude
-    (RFC 7946), or in the CRS of the scene if they exceed 360 or 90. If the scene has no CRS, its coordinates are meant.
+    (RFC 7946), or scene coordinates if they exceed 360 or 90. If the scene has no CRS, they are scene coordinates.
     """
     from rasterio.warp import transform_geom
 

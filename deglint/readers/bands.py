@@ -139,7 +139,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band: description, else file (`stems`), else colour, else "band N"; and 0-based unnamed bands."""
+    """One name per band: description, else file (`stems`), else colour, else "band N"; 0-based bands without a name."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]

@@ -177,7 +177,7 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _four(scene: Scene) -> bool:
-    """Whether the scene has four bands: the last without name and wavelength, the others not known beyond `VISIBLE`."""
+    """Whether there are four bands, the last without name and wavelength, and none is known to be beyond `VISIBLE`."""
     waves = [b.wavelength for b in scene.bands]
     unnamed = len(waves) == 4 and waves[3] is None and scene.names[3] == "band 4"
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])

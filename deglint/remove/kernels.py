@@ -201,7 +201,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) of kernels fitted to the other groups, if any, divided by the power of the band."""
+    """Residual power over power of each band, (group, band), with kernels of the other groups (one group: its own)."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -209,7 +209,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the best for all bands, or for this one if clearly better; `losses`: see `_held_out`."""
+    """Support of each band: the best for all bands, or its own best if clearly better; `losses`: see `_held_out`."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]

@@ -47,9 +47,9 @@ def fit(
 ) -> GlintModel:
     """Fit kernels and levels to tiles after an opening; the model may also add light (`GlintModel.signed`).
 
-    clear : share of the sample without glint, 0..1, raised to `LEAST_GLINT` %, or `CLEAR` % where the predictions are
-        skewed (`SKEWED`). The level of a band is the median of its prediction over this share of the pixels: those with
-        the smallest sum of the predictions of all bands
+    clear : share of the sample without glint, 0..1. At least `LEAST_GLINT` % is used, or `CLEAR` % if the predictions
+        are skewed (see `SKEWED`). The level of a band is the median of its prediction over this share of the pixels:
+        those with the smallest sum of the predictions of all bands
     cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background;
         added to the level [unit of the band]
 

@@ -68,6 +68,7 @@ class GlintModel:
     method : str
         Key of `deglint.remove.METHODS`.
     indexes : tuple of GlintIndex
+        Glint indexes; `BandFit.index` is the place of an index in this tuple.
     fits : tuple of BandFit
         One for each corrected band; other bands are copied.
     band_names : tuple of str
@@ -79,8 +80,8 @@ class GlintModel:
     references : tuple of ReferenceRule
         Rules by which ships, surf and land are first replaced in each reference; empty for pointwise methods.
     level_interval : (float, float, float), optional
-        Three values of the level common to all bands [unit of the index]: the lowest possible one, which leaves no
-        pixel negative; the chosen one; and the median of the predicted NIR.
+        Three values of the level common to all bands [unit of the index]: the lowest one that makes (almost) no pixel
+        negative; the chosen one; and the median of the predicted NIR.
     level_stderr : float, optional
         Standard error of the chosen level [unit of the index].
     strips : Strips, optional
@@ -88,8 +89,7 @@ class GlintModel:
     second : tuple of GlintIndex
         Indexes for the strips with the other sign, in the order of `indexes`; empty without strips.
     signed : bool
-        Whether a kernel model also adds light, where its prediction is below the level. True for models that are fitted
-        after a stage has replaced strong glint.
+        Whether a kernel model adds light where its prediction is below the level; True if glint was replaced before.
     """
 
     method: str

@@ -77,7 +77,7 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Yield (row, column) slices of the squares of `CELL` x `CELL` pixels with a share of sample from `LEAST_OPEN`."""
+    """Yield (row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
     for row in range(0, sample.shape[0], CELL):
         for column in range(0, sample.shape[1], CELL):
             square = slice(row, row + CELL), slice(column, column + CELL)
@@ -143,5 +143,5 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
-    """Mean of the values from the sum and the number of their quantised values; `rule.low` for no pixels."""
+    """Local means from the results of `_sums` [unit of the band]; `rule.low` where the number of pixels is 0."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)

@@ -52,7 +52,7 @@ class Strips:
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares (0 to `count` - 1) with centres before and after each pixel (pixel,), and its position between, 0..1."""
+    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; its place between, 0..1."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)

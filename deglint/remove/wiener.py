@@ -362,7 +362,7 @@ def shared_glint(
 
 
 def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
-    """Possible spectra of glint, (band,), relative to the band's NIR: all 1; and the sun's if all in 300..1000 nm."""
+    """Possible spectra of glint over that in the NIR, (band,): all 1; and the sun's if all are within 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -164,7 +164,7 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
-    """Error, ROC curves and objects found of one image."""
+    """Error, ROC curves and objects found of one image, (band, row, column), in the unit of the scene."""
     scores, kinds = rx(np.asarray(image[:VISIBLE_BANDS], np.float64), scene.sample, threads=1), scene.kinds
     auc, found, drawn = [], [], []
     for kind in range(1, len(REFLECTANCES) + 1):

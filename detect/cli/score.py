@@ -98,7 +98,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 def score(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     """Score how anomalous every pixel of IN is, and write OUT, a GeoTIFF of one float32 band.
 
-    Scores of sea are distances from the water around the pixel, in standard deviations. All others are squared
+    Scores of --method sea are distances from the water around, in standard deviations. Most others are squared
     Mahalanobis distances: about the number of bands where there is no anomaly. Pixels that are not valid are NaN.
     OUT.json beside OUT says what was done. --objects writes what exceeds the threshold of --pfa or --false-per-km2.
 

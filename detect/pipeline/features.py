@@ -70,9 +70,9 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 
 
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
-    """Speed [m/s] and heading [degree, clockwise from north] of every object; both None if no moving boat is near it.
+    """`speed_m_s` [m/s] and `heading` [degree, clockwise from north] of every object; None if no moving boat is near.
 
-    Both are those of the nearest moving boat, if the fastest boat can get from there to the object between the bands.
+    They are those of the nearest moving boat. It is near if the fastest boat can get to the object between the bands.
     `area` is the area of a pixel [m2]. Raises InputError: times of the bands, or size of a pixel, are not known.
     """
     bands, times = delayed_bands(scene)

@@ -217,8 +217,8 @@ class AucInterval:
 
     auc: float
     standard_error: float
-    low: float
-    high: float
+    low: float  # lower end of the interval
+    high: float  # upper end
     level: float = 0.95  # confidence level
 
 
@@ -231,8 +231,8 @@ class Comparison:
     standard_error: float  # standard error of the difference
     z: float  # difference / standard error; NaN where both are 0
     p: float  # two-sided p-value of z; 1 where both are 0
-    low: float
-    high: float
+    low: float  # lower end of the interval of the difference
+    high: float  # upper end
     level: float = 0.95  # confidence level
     pixels: int = 0  # number of pixels that are valid for both detectors
 

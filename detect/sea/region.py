@@ -166,7 +166,7 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
 def _continued(around: Mask, own: Mask) -> bool:
     """Whether a part of land has land at both ends and water at both sides. A ship has a free end, or a quay at a side.
 
-    `own`: mask of the part in its bounding box. `around`: the same for all land, with `_ATTACHED_WITHIN` pixels more.
+    `own`: mask of the part in its bounding box. `around`: all land there, `_ATTACHED_WITHIN` pixels wider on each side.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside

@@ -1,7 +1,7 @@
-"""Objects on the sea: threshold for a rate per pixel, false objects per square kilometre, and the search of an array.
+"""Search an array for objects on the sea; compute thresholds for a rate per pixel, and false objects per square km.
 
-The scores of clutter are heavy-tailed, and the ships are in the tail. Objects that are larger and brighter than clutter
-are confirmed, and excluded first. A generalised Pareto distribution is fitted to the other scores. Small objects cannot
+The scores of clutter are heavy-tailed, and the ships are in the tail. Candidates that are larger and brighter than
+clutter are confirmed and excluded. A generalised Pareto distribution is fitted to the others. Small objects cannot
 be distinguished from clutter. They are not confirmed and count as false alarms, so that the rate is not underestimated.
 """
 

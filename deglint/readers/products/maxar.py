@@ -90,7 +90,7 @@ def _stem(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL of a mosaic of several tiles, else the single image, at the path `stem` without ending; None without."""
+    """The .TIL of a mosaic of several tiles, else the single image, at the path `stem` without ending, or None."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

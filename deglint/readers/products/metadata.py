@@ -70,7 +70,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The only item in `found`. InputError: there are several `what`; the message has four `names` and `remedy`."""
+        """The only item in `found`; InputError if several; its message has `what` (a plural), `names`, `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -126,7 +126,7 @@ def is_archive(path: str) -> bool:
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
-    """List the files in a folder and its subfolders; links to folders are not followed."""
+    """List the files in a folder and its subfolders; links to folders are not followed; `named`: see `Container`."""
     files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
     members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
     return Container(str(path), "folder", tuple(sorted(members)), named)
