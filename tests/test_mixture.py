@@ -53,7 +53,23 @@ def test_the_level_is_raised_by_what_is_cut():
     every = np.ones(block.shape[1:], bool)
     tiles, request = [SampleTile(block, every, every)], nir_request(BANDS, [2], regression="detrended")
     plain, raised = (remove.apply(block, mixture.fit(request, tiles, 0.02, cut)) for cut in (None, (2.0, 1.0, 0.0)))
-    assert (raised - plain).mean(axis=(1, 2)) == pytest.approx([2, 1, 0], abs=1e-3)
+    assert np.median(raised - plain, axis=(1, 2)) == pytest.approx([2, 1, 0], abs=1e-3)
+
+
+def test_no_pixel_becomes_darker_than_the_water():
+    """Where the NIR alone is bright, the prediction is too large; what was dark before keeps its value."""
+    block, _ = faint_glint()
+    every = np.ones(block.shape[1:], bool)
+    request = nir_request(BANDS, [2], regression="detrended")
+    model = mixture.fit(request, [SampleTile(block, every, every)], 0.02)
+    seen = block.copy()
+    seen[2, 20:30, 20:30] += 50
+    seen[:2, 25, 25] -= 30
+    out = remove.apply(seen, model)
+    for fit in model.fits:
+        assert (out[fit.band] >= np.minimum(seen[fit.band], fit.floor) - 1e-4).all()
+        assert out[fit.band, 25, 25] == seen[fit.band, 25, 25] < fit.floor
+        assert out[fit.band, 22:24, 22:24] == pytest.approx(fit.floor, abs=1e-4)
 
 
 def test_what_replacing_cuts_is_known():

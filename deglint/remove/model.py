@@ -57,6 +57,7 @@ class BandFit:
     stderr: float | None = None  # standard error of the slope; None if the method does not estimate the slope
     r2: float | None = None  # share of the band's variance in the sample that the index explains
     n: int = 0  # pixels of the sample that were fitted
+    floor: float | None = None  # the removal makes no pixel darker than this [unit of the band]; None: no limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,6 +110,9 @@ def glint(
         if not model.signed:
             np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)
+        if fit.floor is not None:
+            values = block[fit.band, crop[0] : height - crop[1], crop[2] : width - crop[3]]
+            np.minimum(above, np.maximum(values - above.dtype.type(fit.floor), 0), out=above)
         out[fit.band] = above
     return out, exceeds
 
