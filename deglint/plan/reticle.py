@@ -78,7 +78,7 @@ class Reticle:
     sky_probability : (band, zenith, azimuth) ndarray
         Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
-        Weber contrast (LT - LB) / LB [1], and contrast over noise: |LT - LB| / (noise-equivalent radiance) [1].
+        Weber contrast (LT - LB) / LB [1], and contrast over noise: ``|LT - LB|`` / (noise-equivalent radiance) [1].
         LT and LB are the water-leaving radiances over the object and of deep water.
     clear_of_glint : bool ndarray
         True where sun glint is within its limits.
