@@ -29,10 +29,10 @@ mosaic = xarray.DataArray(radiance.astype(np.float32), dims=("band", "y", "x"), 
 mosaic = mosaic.assign_coords(x=0.08 * np.arange(256), y=-0.08 * np.arange(256)).assign_attrs(crs="EPSG:32610")
 
 # %%
-# The CRS gives the size of a pixel, which the choice of the recipe needs. The rest is found in the pixels.
+# The choice of the recipe needs the size of a pixel. The CRS says that the coordinates are in metres.
 clean = mosaic.deglint.remove()
-figure, axes = plt.subplots(1, 3, figsize=(10, 3.6), layout="constrained")
 print(f"error {np.sqrt(((clean.values - sea.truth)[:3] ** 2).mean() / (sea.truth[:3] ** 2).mean()):.1%} of the truth")
+figure, axes = plt.subplots(1, 3, figsize=(10, 3.6), layout="constrained")
 pictures = natural_colour([image[[2, 1, 0]] for image in (mosaic.values, clean.values, sea.truth)])
 for axis, picture, title in zip(axes, pictures, ("raw", "deglinted", "truth"), strict=True):
     axis.imshow(picture)

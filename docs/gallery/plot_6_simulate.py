@@ -2,7 +2,7 @@
 Simulate and score
 ==================
 
-Which method removes most? A simulated scene has its truth beside it, so the error of each method can be measured.
+Which method leaves the least error? A simulated scene has its truth beside it, so that errors can be measured.
 """
 
 import matplotlib.pyplot as plt
