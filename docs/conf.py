@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent), str(HERE / "helpers")]
+sys.path.insert(0, str(HERE.parent))
 
 import deglint  # noqa: E402
 from deglint import sensors  # noqa: E402

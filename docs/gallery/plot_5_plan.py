@@ -28,3 +28,4 @@ figure.colorbar(mesh, label="contrast / noise")
 # The best direction.
 row, column = np.unravel_index(np.nanargmax(plan.combined), plan.combined.shape)
 print(f"from azimuth {plan.azimuth[column]:.0f}, {plan.zenith[row]:.0f} degrees off nadir")
+plt.show()

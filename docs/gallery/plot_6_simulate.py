@@ -2,14 +2,15 @@
 Simulate and score
 ==================
 
-Which method removes most? A simulated scene has its truth beside it, so the error of each method can be measured.
+Which method leaves the least error? A simulated scene has its truth beside it, so that errors can be measured.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
-from pictures import show
 
 import deglint
 from deglint.physics.presets import preset
+from deglint.plotting import natural_colour
 from deglint.simulate import Setup, simulate, thesis_array
 
 # %%
@@ -29,4 +30,9 @@ for method in ("hedley", "lyzenga", "joyce"):
     print(f"{method:8s} error {error:.2%} of the truth")
 
 # %%
-figure = show({"raw": radiance, "truth": sea.truth, "hedley": clean["hedley"]}, sea.truth, bands=(4, 2, 1))
+figure, axes = plt.subplots(1, 3, figsize=(10, 3.6), layout="constrained")
+pictures = natural_colour([image[[4, 2, 1]] for image in (radiance, clean["hedley"], sea.truth)])
+for axis, picture, title in zip(axes, pictures, ("raw", "hedley", "truth"), strict=True):
+    axis.imshow(picture)
+    axis.set(title=title, xticks=[], yticks=[])
+plt.show()
