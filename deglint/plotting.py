@@ -38,10 +38,8 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
     """
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
-    parts = []
-    for row in range(0, height, AT_ONCE):
-        block = source.read(((row, min(row + AT_ONCE, height)), (0, width)), list(bands))
-        parts.append(block[:, -row % step :: step, ::step])
+    rows = [(row, min(row + AT_ONCE, height)) for row in range(0, height, AT_ONCE)]
+    parts = [source.read((r, (0, width)), list(bands))[:, -r[0] % step :: step, ::step] for r in rows]
     return np.concatenate(parts, axis=1)
 
 
@@ -58,11 +56,9 @@ def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.ui
     unit = glint if (glint > 0).all() else np.ones(len(glint))
     low = np.min(level(last, 1) / unit)
     high = max(np.max(level(last, 99.5) / unit), np.max(level(first, 90) / unit), low + 1e-6)
-    pictures = []
-    for image in images:
-        share = np.clip(np.nan_to_num((image / unit[:, None, None] - low) / (high - low), nan=0.0), 0, 1)
-        pictures.append(np.ascontiguousarray((share ** (1 / GAMMA) * 255).astype(np.uint8).transpose(1, 2, 0)))
-    return pictures
+    shares = (np.clip((image / unit[:, None, None] - low) / (high - low), 0, 1) for image in images)
+    shown = ((np.nan_to_num(share) ** (1 / GAMMA) * 255).astype(np.uint8) for share in shares)
+    return [np.ascontiguousarray(bands.transpose(1, 2, 0)) for bands in shown]
 
 
 def level(image: npt.NDArray[Any], percent: float) -> npt.NDArray[np.float64]:

@@ -62,7 +62,6 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
 
     Examples
     --------
-    >>> import numpy as np
     >>> sea = np.arange(9, dtype=np.float32).reshape(3, 3)
     >>> float(adaptive_median(sea, sea == 4, sea != 4)[0][1, 1])
     3.0

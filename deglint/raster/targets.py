@@ -143,7 +143,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
     if path.exists() and not path.is_file():
         raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
     if path.exists() and not overwrite:
-        raise WriteError(f"{path} exists already. Give --overwrite to replace it, or another name.")
+        raise WriteError(f"{path} exists already. Give --overwrite (in Python overwrite=True), or another name.")
 
 
 def check_images(*paths: Path | None) -> None:

@@ -38,7 +38,7 @@ PLUME, PLUME_PERCENTILE = 0.5, 10.0
 SKEWED, CLEAR = 0.15, 1.0
 """If the range of the lower half of the predictions is less than `SKEWED` times the range from their median to their
 99th percentile, some water has no glint, and its share is set to at least `CLEAR` %."""
-DARKEST = 5.0
+DARK_PERCENTILE = 5.0
 """Percentile of the results over the sample, below which the removal makes no pixel: where a clump of glint fills the
 window in the NIR only, the prediction is too large. Pixels that were darker before keep their values [%]."""
 LEAST_KEPT = 0.75
@@ -77,12 +77,12 @@ def fit(
     levels = np.median(found[:, least], axis=1).tolist()
     if cut is not None:
         levels = [level + cut[fit.band] for level, fit in zip(levels, model.fits, strict=True)]
-    fits = []
-    for f, p, level in zip(model.fits, found, levels, strict=True):
+    indexes, fits = [], []
+    for i, f, p, level in zip(model.indexes, model.fits, found, levels, strict=True):
         left = np.concatenate([t.block[f.band][t.sample] for t in tiles]) - (p - level)
-        fits.append(replace(f, floor=float(np.percentile(left, DARKEST))))
-    indexes = tuple(replace(i, level=v) for i, v in zip(model.indexes, levels, strict=True))
-    return replace(model, indexes=indexes, fits=tuple(fits))
+        indexes.append(replace(i, level=level))
+        fits.append(replace(f, floor=float(np.percentile(left, DARK_PERCENTILE))))
+    return replace(model, indexes=tuple(indexes), fits=tuple(fits))
 
 
 def _fitted(
