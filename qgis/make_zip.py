@@ -9,6 +9,7 @@ PLUGIN = Path(__file__).parent / "deglint_qgis"
 
 def make_zip(directory: Path) -> Path:
     """Write the plugin as an archive; its name."""
+    directory.mkdir(parents=True, exist_ok=True)
     out = directory / f"{PLUGIN.name}.zip"
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(PLUGIN.iterdir()):
