@@ -37,6 +37,7 @@ SIGNAL = 0.05
 that an analyst sees in an image without glint. Sample tiles are few, and may not contain the objects of interest."""
 ZERO_GAIN = 0.05  # lower limit of a gain as a divisor: the uncertainty of a gain that is estimated from a few tiles
 HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
+EDGES = 0.5  # assumed share of edges in the scene's own signal, the rest is texture: neither is known to prevail
 GLINT_OF_NIR = 2.0
 """Largest ratio of the texture of glint in a band to that in the NIR, divided by the spectrum of glint: 0.6 to 1.3 in
 simulated seas, up to 1.9 at the finest scale, where bands differ in blur. For shallow bottoms the ratio is up to 80."""
@@ -148,7 +149,7 @@ def level_excess(
 
 
 def expected_errors(
-    power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0
+    power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0, edges: float = 0.0
 ) -> Float64:
     """Expected error (root mean square) of each recipe, (recipe,), relative to the water.
 
@@ -156,11 +157,14 @@ def expected_errors(
         the gains of textures (of plumes for the coarsest scale)
     objects : (recipe,), gain of discs
     least : (scale,), from `least_signal`
+    edges : share of edges of large objects in the scene's own signal, which a recipe keeps at least as well as discs
     """
-    kept = np.clip(gain, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
+    own = gain.copy()
+    own[:, :-1] += edges * np.maximum(np.minimum(objects, 1)[:, None] - gain[:, :-1], 0)
+    kept = np.clip(own, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
     bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))
     signal = np.maximum(np.sqrt(bound * np.minimum(bound, clear_bound)), least)
-    error = np.maximum(power + (1 - 2 * gain) * signal, 0)[:, :-1].sum(axis=1)
+    error = np.maximum(power + (1 - 2 * own) * signal, 0)[:, :-1].sum(axis=1)
     lost = np.square(1 - gain[:, -1])
     error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))
     error += SIGNAL**2 * np.square(1 - gain[:, :-1]).sum(axis=1)

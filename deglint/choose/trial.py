@@ -17,7 +17,7 @@ from ..remove.levels import even_share
 from ..remove.noise import noise, spread
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import expected_errors, least_glint, least_signal, level_excess, powers
+from .score import EDGES, expected_errors, least_glint, least_signal, level_excess, powers
 
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.05
@@ -98,8 +98,7 @@ class Choice:
 
     def lines(self) -> list[str]:
         """Report for the log: the choice, and a line for each candidate."""
-        out = []
-        trial = self.trial
+        out, trial = list[str](), self.trial
         if trial is not None:
             out.append(
                 f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} "
@@ -202,6 +201,7 @@ def _judged(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
+        EDGES if setting.delayed else 0.0,  # at one instant the posterior mean is good, too: erase nothing on suspicion
     )
     opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):

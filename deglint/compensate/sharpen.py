@@ -23,10 +23,7 @@ def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
         cv2.sepFilter2D(band, -1, across.astype(np.float32), down.astype(np.float32), borderType=cv2.BORDER_REFLECT_101)
         for down, across in psf.factors(rank)
     ]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return np.asarray(total, np.float32)
+    return np.asarray(sum(parts[1:], parts[0]), np.float32)
 
 
 def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor: float = 1e-12) -> Float32:
@@ -60,8 +57,7 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
     Lucy (1974), Astron. J. 79, 745-754, doi:10.1086/111605.
     """
     least = np.float32(floor)
-    known = np.maximum(band, least)
-    out = known
+    out = known = np.maximum(band, least)
     for _ in range(iterations):
         ratio = np.asarray(known / np.maximum(blurred(out, psf), least), np.float32)
         out = out * np.maximum(blurred(ratio, psf), np.float32(1e-3))  # a pixel may lose all but a thousandth
