@@ -213,7 +213,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     pixel, rule = pixel_size(job.scene), job.overview.water
     sample, trial = sample_of(parts), replace(job, request=replace(job.request, level_error=False))
     fine = pixel is not None and pixel < COARSE_PIXEL
-    if pixel is not None and not fine and rule is not None and rule.window == 1:  # sparkle is not resolved
+    if not fine and rule is not None and rule.window == 1:  # sparkle is not resolved, or may not be (unknown size)
         sample = without_ships(sample)
     width = smallest_object(job.recipe.smallest_object, pixel)
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
