@@ -6,7 +6,7 @@ nox.options.sessions = ["tests", "lint", "types"]
 nox.options.default_venv_backend = "uv|venv"
 
 
-@nox.session(python=["3.11", "3.12", "3.13"])
+@nox.session(python=["3.11", "3.12", "3.13", "3.14"])
 def tests(session: nox.Session) -> None:
     """Run the tests; arguments after -- go to pytest."""
     session.install(".[test]")

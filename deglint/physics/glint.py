@@ -50,8 +50,8 @@ def facet(
 ) -> Facet:
     """Compute the facet that reflects the sun into the sensor.
 
-    With s and v the unit vectors to the sun and to the sensor, the normal of the facet is h = (s + v) / |s + v|, and
-    its slopes are (-h_x / h_z, -h_y / h_z).
+    With s and v the unit vectors to the sun and to the sensor, the normal of the facet is ``h = (s + v) / |s + v|``,
+    and its slopes are ``(-h_x / h_z, -h_y / h_z)``.
 
     Parameters
     ----------
