@@ -1,6 +1,7 @@
 """Pictures in natural colours: what `Scene.plot`, `Result.plot`, and the option --picture show."""
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 from .errors import InputError
 
 LONGEST_PICTURE = 900  # longest side of a picture of a whole scene [pixel]
-AT_ONCE = 512  # rows that are read at a time [pixel]
+AT_ONCE = 1024  # side of the squares that are read one by one, about [pixel]
 GAMMA = 1.8  # gamma correction: a picture shows x ** (1 / GAMMA) for values x from 0 to 1
 
 
@@ -32,24 +33,24 @@ def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
 
 
 def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Some bands (0-based) of every n-th row and column of a source, at most `LONGEST_PICTURE`; (band, row, column).
-
-    shape : bands, rows and columns of the source
-    """
+    """0-based bands of a source of this `shape`, (band, row, column): at most `LONGEST_PICTURE` rows and columns."""
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
-    rows = [(row, min(row + AT_ONCE, height)) for row in range(0, height, AT_ONCE)]
-    parts = [source.read((r, (0, width)), list(bands))[:, -r[0] % step :: step, ::step] for r in rows]
-    return np.concatenate(parts, axis=1)
+    side = step * max(1, AT_ONCE // step)
+    out = np.empty((len(bands), -(-height // step), -(-width // step)), np.float32)
+    for row, column in product(range(0, height, side), range(0, width, side)):
+        window = (row, min(row + side, height)), (column, min(column + side, width))
+        part = source.read(window, list(bands))[:, ::step, ::step]
+        out[:, row // step :, column // step :][:, : part.shape[1], : part.shape[2]] = part
+    return out
 
 
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
     """Images (red, green and blue, row, column) as pictures (row, column, 3) with one stretch; NaN is black.
 
-    The last image is without glint. If the first image is brighter in the mean of every band, each band of all images
-    is divided by its mean difference between the two, so that glint is white. All bands then have the same black, the
-    1st percentile of the darkest band of the last image; and the same white, the highest of the 99.5th percentiles of
-    the last image and the 90th percentiles of the first.
+    The last image is without glint. If the first is brighter in the mean of every band, the bands are divided by the
+    mean difference of the two, so that glint is white. All bands then have the same black, the 1st percentile of the
+    darkest band of the last image; and the same white, the highest 99.5th percentile of it, or 90th of the first image.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

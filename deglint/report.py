@@ -13,10 +13,7 @@ from .scene import Scene
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
-    """A PNG of the scene beside its correction, the file `result`; captions name the bands, and the method of `model`.
-
-    Both halves have the same stretch (`natural_colour`).
-    """
+    """A PNG of the scene beside its correction, the file `result`, in one stretch; captions name bands and method."""
     import cv2
 
     known = [f.band for f in model.fits] or range(len(scene.bands))

@@ -19,7 +19,7 @@ from deglint.simulate import Bottom, FloatingTarget, Setup, SubmergedObject, sim
 
 PARTS = ("_truth", "_truth_water", "_objects", "_cover")
 DIGITS = 9
-"""Binary digits that the truths keep, so that they compress: 0.1 %, below the noise of the sensor."""
+"""Binary digits that the truths keep, so that they compress: to 0.2 %, below the noise of the sensor."""
 
 
 def plank(right: float, down: float, length: float, width: float, turn: float, depth: float) -> SubmergedObject:

@@ -13,9 +13,10 @@ from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
 from deglint.choose.candidates import Candidate, windows
 from deglint.choose.implants import gains, implants
-from deglint.choose.score import SCALES, expected_errors, least_glint, least_signal, level_excess, powers
+from deglint.choose.score import EDGES, SCALES, expected_errors, least_glint, least_signal, level_excess, powers
 from deglint.choose.trial import NOT_JUDGED, Trial, _best, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
+from deglint.errors import InputError
 from deglint.scene import Band
 
 BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))
@@ -68,6 +69,16 @@ def test_bands_that_do_not_count_have_no_power():
 def test_the_least_expected_error(power, gain, best):
     found = expected_errors(np.array(power), np.array(power), np.array(gain, float), np.ones(2))
     assert found.argmin() == best
+
+
+def test_edges_of_the_scene_do_not_speak_against_an_opening():
+    """Signal that the opening keeps as well as the posterior mean, which leaves glint; it would erase fine texture."""
+    power = np.array([[2, 2, 2, 0.1], [0.071, 0.071, 0.071, 0.02], [0.042, 0.042, 0.042, 0.02]])
+    gain, discs = np.array([[1.0] * 4, [0.9, 0.9, 0.9, 1], [0.4, 0.4, 0.5, 1]]), np.array([1.0, 0.97, 0.9])
+    texture, edges = (expected_errors(power, power, gain, discs, edges=e)[2] for e in (0.0, EDGES))
+    assert edges < 0.6 * texture
+    same = expected_errors(power, power, np.ones((3, 4)), np.ones(3))
+    np.testing.assert_array_equal(expected_errors(power, power, np.ones((3, 4)), np.ones(3), edges=EDGES), same)
 
 
 def test_lost_objects_cost():
@@ -186,3 +197,9 @@ def test_an_opening_must_be_clearly_better_where_bands_are_of_one_instant(delaye
     assert _best(trials, delayed=delayed).candidate.name == best
     trials[-1] = replace(trials[-1], error=0.08)
     assert _best(trials, delayed=delayed).candidate.name == "opening"
+
+
+@pytest.mark.parametrize("given", [{"method": "hedley"}, {"compensate": "off"}])
+def test_the_smallest_object_is_for_the_automatic_choice(given):
+    with pytest.raises(InputError, match="smallest-object"):
+        Recipe(smallest_object="2m", **given)

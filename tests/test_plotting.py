@@ -1,6 +1,7 @@
 """How scenes, models and results show themselves: short text, and pictures in natural colours."""
 
 import builtins
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,10 +44,19 @@ def test_a_scene_and_a_result_draw_themselves(done):
     assert result.plot(ax) is ax
 
 
-def test_a_large_scene_is_thinned_whatever_its_rows(sea, write, tmp_path):
+def test_a_large_scene_is_read_in_squares_and_thinned(sea, write, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib").use("agg")
+    monkeypatch.setattr("deglint.plotting.AT_ONCE", 301)
     scene = deglint.open_scene(write(tmp_path / "in.tif", sea(1300, 950)))
-    (shown,) = scene.plot().images
+    sizes = []
+
+    class Source:
+        def read(self, window, bands):
+            sizes.extend(stop - start for start, stop in window)
+            return scene.source.read(window, bands)
+
+    (shown,) = replace(scene, source=Source()).plot().images
+    assert max(sizes) == 300
     assert shown.get_array().shape == (650, 475, 3)
     assert max(shown.get_array().shape) <= LONGEST_PICTURE
     whole = scene.read(bands=scene.rgb(range(len(scene.bands))))[:, ::2, ::2]

@@ -77,6 +77,9 @@ def test_glint_comes_off_the_sample_scenes(tmp_path):
     """Error in percent of the water level, COASTAL to RED; in `sea` each band follows the NIR of its own set."""
     import re
 
+    import cv2
+    import numpy as np
+
     from benchmarks.scenes import Known
 
     samples, out = ROOT / "sample_data", tmp_path / "out.tif"
@@ -86,6 +89,13 @@ def test_glint_comes_off_the_sample_scenes(tmp_path):
     known = Known.of(samples / "sea_025m.tif")  # boat, swimmers and foam do not count
     deglint.remove_glint(known.path, out, overwrite=True)
     found = [known.error(deglint.open_scene(path).read()) for path in (known.path, out)]
+    afloat = (deglint.open_scene(samples / "sea_025m_cover.tif").read() == 3).all(axis=0)
+    _, label, sizes, _ = cv2.connectedComponentsWithStats(afloat.astype(np.uint8))
+    swimmers = [n for n in range(1, len(sizes)) if sizes[n, cv2.CC_STAT_AREA] < 50]
+    red, truth = (deglint.open_scene(p).read(bands=["RED"])[0] for p in (out, samples / "sea_025m_truth.tif"))
+    deep = np.median(truth)
+    kept = [(red[label == n].mean() - deep) / (truth[label == n].mean() - deep) for n in swimmers]
+    assert (len(kept), sum(k > 0.4 for k in kept), sum(k > 0.8 for k in kept)) == (5, 4, 3)
     said = re.search(r"falls from (\d+) % to\s+(\d+) %", (ROOT / "README.md").read_text())
     assert said is not None
     assert found == pytest.approx([float(s) for s in said.groups()], abs=1)

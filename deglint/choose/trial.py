@@ -201,7 +201,7 @@ def _judged(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
-        EDGES if setting.delayed else 0.0,  # at one instant the posterior mean is good, too: erase nothing on suspicion
+        EDGES if setting.delayed else 0.0,  # at one instant openings erase small signals, as `REPLACING` says
     )
     opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):

@@ -22,6 +22,7 @@ from ..readers.grid import pixel_size
 from ..readers.text import read_text
 from ..remove import GlintModel
 from ..scene import Band, Scene
+from .overview import raster_of
 
 if TYPE_CHECKING:
     from ..checksum import Checksum
@@ -135,15 +136,13 @@ class Result:
             matplotlib is not installed; a file cannot be read.
         """
         from ..plotting import drawn
-
-        return drawn([self._scene([i["path"] for i in self.sidecar["input"]]), self._scene([self.sidecar["output"]])],
-                     ax, "Result.plot")  # fmt: skip
-
-    def _scene(self, paths: list[str]) -> Scene:
-        """The scene in the files `paths`, with the bands of this run."""
         from ..readers import open_scene
 
-        return replace(open_scene(paths), bands=tuple(Band(**b) for b in self.sidecar["bands"]))
+        paths = [i["path"] for i in self.sidecar["input"]], [self.sidecar["output"]]
+        bands = tuple(Band(**b) for b in self.sidecar["bands"])
+        before, after = (replace(open_scene(p), bands=bands) for p in paths)
+        with raster_of(before), raster_of(after):
+            return drawn([before, after], ax, "Result.plot")
 
     @property
     def changed(self) -> tuple[str, ...]:

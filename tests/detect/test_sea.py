@@ -188,6 +188,8 @@ def test_geopackage_holds_what_geojson_does(rxdetect, scene, tmp_path):
         assert db.execute("PRAGMA application_id").fetchone()[0] == 0x47504B47
         rows = db.execute("SELECT geom, label, longitude, kind FROM objects ORDER BY fid").fetchall()
         assert db.execute("SELECT srs_id FROM gpkg_contents").fetchone() == (4326,)
+        columns = [row[1] for row in db.execute("PRAGMA table_info(objects)")]
+    assert columns[2:] == list(dict.fromkeys(k for f in features for k in f["properties"]))  # null columns, too
     assert [r[1] for r in rows] == [f["properties"]["label"] for f in features]
     blob, _, longitude, kind = rows[0]
     assert (blob[:2], struct.unpack("<i", blob[4:8])[0], kind) == (b"GP", 4326, "afloat")
