@@ -25,8 +25,12 @@ from .timing import say
 Array = npt.NDArray[np.float64]
 
 FOLDER = DATA / "real" / "sdb"
-METHODS = ("hedley", "wiener")
-NIR = ("4",)
+RECIPES = {
+    "raw": None,
+    "hedley": Recipe(method="hedley", compensate="off"),
+    "wiener": Recipe(method="wiener", compensate="off"),
+    "default": Recipe(),
+}
 BLOCKS = 10
 """Parts of the scene that are left out in turn."""
 SIDE = 16
@@ -77,20 +81,15 @@ def parts(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], seed: int = 0
     return np.asarray(dealt[square])
 
 
-def deglinted(image: Path, method: str) -> Array:
-    """All bands after removal by a method, without compensation."""
-    return removed(image, Recipe(method=method, nir=NIR, mask="none", sample="all", compensate="off"))
-
-
 def main() -> None:
-    """Print the error of depths from the raw image and after each method."""
+    """Print the error of depths from the raw image and after each recipe."""
     if not FOLDER.exists():
         print(f"no soundings at {FOLDER}: nothing was measured")
         return
     image, rows, head = FOLDER / "image.tif", [], ["bands"]
     raw, depth, row, column = inside(image, soundings(FOLDER / "depth_sample.dbf"))
-    for name in ("raw", *METHODS):
-        bands = (raw if name == "raw" else deglinted(image, name))[:3, row, column]
+    for name, recipe in RECIPES.items():
+        bands = (raw if recipe is None else removed(image, recipe))[:3, row, column]
         found = predictors(bands)
         means = [np.mean([error(x, depth, parts(row, column, s)) for s in range(DIVISIONS)]) for x in found.values()]
         head = ["bands", *found, "zero or less"]

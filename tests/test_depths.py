@@ -31,7 +31,7 @@ def test_neighbours_are_left_out_together():
 def test_removal_does_not_cost_depth():
     image = depths.FOLDER / "image.tif"
     raw, depth, row, column = depths.inside(image, depths.soundings(depths.FOLDER / "depth_sample.dbf"))
-    clean = depths.deglinted(image, "wiener")
+    clean = depths.removed(image, depths.RECIPES["default"])
     before, after = (
         np.mean([depths.error(depths.predictors(b[:3, row, column])["log bands"], depth, depths.parts(row, column, s))
                  for s in range(4)]) for b in (raw, clean)

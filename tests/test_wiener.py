@@ -127,6 +127,19 @@ def test_the_colour_of_glint_steadies_a_noisy_band():
     assert red == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.parametrize("faint", [False, True])
+def test_a_reef_that_the_nir_sees_does_not_teach(faint):
+    block = swell_block(strength=10.0)
+    reef = gaussian_filter(np.random.default_rng(9).normal(size=(192, 156)), 1.5) * 3
+    block[:, :, 100:] += (np.array([400.0, 600.0, 300.0, 20.0])[:, None, None] * np.exp(reef)).astype(np.float32)
+    every = np.ones((192, 256), np.bool_)
+    request = replace(nir_request(BANDS, [3]), faint=faint)
+    slopes = [f.slope for f in wiener.fit(request, [SampleTile(block, every, every)]).fits]
+    np.testing.assert_allclose(slopes, SLOPES[:3].ravel(), rtol=0.1)
+    resolved = wiener.fit(replace(request, resolved=True), [SampleTile(block, every, every)]).fits
+    assert max(f.slope for f in resolved) > 3  # where pixels resolve waves, glint differs as much from place to place
+
+
 def test_the_level_is_that_of_the_least_glint_and_leaves_nothing_negative():
     block = swell_block(noise=0.5)
     model = fitted(block)

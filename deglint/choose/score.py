@@ -19,9 +19,10 @@ not rewarded. The few tiles may lack some signals. Therefore two losses are adde
 each scale, and the loss of objects of a typical contrast that cover a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
-share, which texture cannot show. If the median after a removal exceeds the lowest median after an opening, the excess
-is counted as an offset that glint left (`level_excess`): an opening finds the water between the glint, while a removal
-takes its level from the pixels with the least glint.
+share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
+that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the median after a removal
+exceeds the lowest median after an opening, the excess is counted as an offset that glint left (`level_excess`): an
+opening finds the water between the glint, while a removal takes its level from the pixels with the least glint.
 """
 
 from collections.abc import Sequence
@@ -165,7 +166,8 @@ def expected_errors(
     bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))
     signal = np.maximum(np.sqrt(bound * np.minimum(bound, clear_bound)), least)
     error = np.maximum(power + (1 - 2 * own) * signal, 0)[:, :-1].sum(axis=1)
-    lost = np.square(1 - gain[:, -1])
-    error += lost * (signal[-1] + SHARE * PLUME**2) + SHARE * np.square(BRIGHT * (1 - objects))
+    coarse = np.sqrt(power[:, -1] / max(float(power[:, -1].max()), np.finfo(np.float64).tiny))
+    error += np.square(1 - np.maximum(coarse, gain[:, -1])) * signal[-1]
+    error += SHARE * (np.square(PLUME * (1 - gain[:, -1])) + np.square(BRIGHT * (1 - objects)))
     error += SIGNAL**2 * np.square(1 - gain[:, :-1]).sum(axis=1)
     return np.asarray(np.sqrt(error), np.float64)

@@ -119,22 +119,7 @@ class Result:
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the scene before and after the correction, with one stretch in natural colours. Needs matplotlib.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        InputError, ReadError
-            matplotlib is not installed; a file cannot be read.
-        """
+        """Draw the scene before and after the correction, with one stretch; argument and errors as of `Scene.plot`."""
         from ..plotting import drawn
         from ..readers import open_scene
 

@@ -47,6 +47,9 @@ SURE = 3.0  # standard errors by which the glint common to the bands must exceed
 SHEET = 0.5
 """Ratio of glint-free NIR to green after removal above which there is a warning: the NIR may contain an even sheet of
 glint. Clear and moderately turbid water has .05 to .4, including light scattered by the air."""
+UNLIKE = 40.0
+"""Ratio of the variance that a band does not share with the NIR to its lower quartile over the sample, above which the
+NIR shows the bottom or sediment: up to 30 (99 % of the pixels) for glint in satellite images, 30 to 300 on a reef."""
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
@@ -88,9 +91,7 @@ def fit(
     """
     sets = band_sets(request)
     rules = _rules(request, tiles, sorted({r for s in sets for r in s.references}))
-    learnt = [_learnt(tile, request, rules) for tile in tiles]
-    if not request.faint:  # there weights bound what a pixel teaches
-        learnt = _without_outliers(learnt)
+    learnt = _trusted([_learnt(tile, request, rules) for tile in tiles], request)
     grams = [_gathered(s, learnt, request) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
@@ -218,25 +219,40 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
     return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample, tile.origin)
 
 
-def _without_outliers(learnt: Sequence[_Learnt]) -> list[_Learnt]:
-    """Exclude outliers, and the pixels near them, from the sample for the kernels.
+def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
+    """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
 
-    An outlier deviates from its local mean by more than glint does elsewhere in the sample, in any band or reference.
+    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference. Fits to faint
+    glint have weights instead. Only pixels wider than waves show by `UNLIKE` where the bottom is.
     """
-    away = [np.abs(detrend(np.stack([*t.references.values(), *t.bands]), t.sample)) for t in learnt]
-    tops = [
-        np.nanmax(a[:, *square], axis=(1, 2))
-        for a, t in zip(away, learnt, strict=True)
-        for square in open_squares(t.sample)
-    ]
-    if not tops:
-        return list(learnt)
-    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)
-    out = []
-    for a, t in zip(away, learnt, strict=True):
-        far = (a > limits[:, None, None]).any(axis=0)
-        out.append(replace(t, teaches=t.sample & ~grown(far, 2 * kernels.KERNEL_REACH + 1)))
-    return out
+    high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
+    inside = [t.sample for t in learnt]
+    every = list(zip(high, inside, strict=True))
+    tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
+    if tops and not request.faint:
+        limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)[:, None, None]
+        inside = [i & ~grown((np.abs(h) > limits).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
+    if tops and not request.resolved and any(i.any() for i in inside):
+        left = [_unlike(h, i, len(learnt[0].references)) for h, i in zip(high, inside, strict=True)]
+        sample = np.concatenate([v[:, i] for v, i in zip(left, inside, strict=True)], axis=1)
+        limits = UNLIKE * np.percentile(sample, QUARTILE, axis=1)[:, None, None]
+        inside = [i & (v <= limits).all(axis=0) for v, i in zip(left, inside, strict=True)]
+    return [replace(t, teaches=i) for t, i in zip(learnt, inside, strict=True)]
+
+
+def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
+    """Variance of each band in a square that regression on the first reference leaves, (band, row, column).
+
+    high : (reference and band, row, column) minus local means, finite `inside`; `references` planes come first
+    """
+    import cv2
+
+    mean = partial(cv2.blur, ksize=(LOCAL_MEAN, LOCAL_MEAN), borderType=cv2.BORDER_CONSTANT)
+    nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
+    share = np.maximum(mean(inside.astype(np.float64)), LOCAL_MEAN**-2)
+    power = np.maximum(mean(nir * nir), np.finfo(np.float64).tiny)
+    left = [(1 + 1e-9) * mean(b * b) - mean(b * nir) ** 2 / power for b in bands]  # 1e-9: not below 0 by rounding
+    return np.stack(left) / share
 
 
 def _model(
