@@ -12,8 +12,8 @@ through all bands, p includes flashes whose brightness changes slowly. A pixel b
 from a false-alarm rate, and is higher where sparkle lasts.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
-that move by more than half their size from the first to the last band, for most coloured targets of 1 pixel where
-sparkle lasts, and where bands are misregistered by more than a third of a pixel.
+that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
+where sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
 from __future__ import annotations
