@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, ReadError
 from ...raster import FlatField, RasterInfo
-from ...raster.info import describe, open_dataset
+from ...raster.info import describe_file
 from ..spectral import with_spectral
 from ..text import number
 
@@ -278,8 +278,9 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
     notes = list(product.notes)
     for path, group in groupby(product.bands, key=lambda band: band.path):
         bands = tuple(group)
-        with open_dataset(path) as dataset:
-            info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
+        info = describe_file(path)
+        if info.alpha is not None and info.count + 1 == len(bands):
+            info = describe_file(path, alpha_is_band=True)
         if info.count != len(bands) and len(bands) > 1:
             notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
             infos.append(info)
