@@ -19,6 +19,7 @@ from urllib.parse import unquote, urljoin
 
 from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
+from ..raster.info import REMOTE_NAME
 from . import products
 from .products.metadata import ProductBand, angle_tags, filled, tags_of
 from .spectral import nanometres, nominal_wavelength
@@ -26,7 +27,6 @@ from .text import number, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
-_REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 _NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
 _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
@@ -197,11 +197,11 @@ def href(asset: Any, path: str) -> str:
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")
-    if _REMOTE_ITEM.match(given):
+    if REMOTE_NAME.match(given):
         return given
     if given.lower().startswith("file://"):
         return unquote(given[7:])
-    return urljoin(path, given) if _REMOTE_ITEM.match(path) else str(Path(path).parent / given)
+    return urljoin(path, given) if REMOTE_NAME.match(path) else str(Path(path).parent / given)
 
 
 @dataclass(frozen=True)
