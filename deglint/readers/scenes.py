@@ -145,12 +145,12 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
     singles: dict[str, str] = {}
-    for key, bands in said.items():
-        if len(bands) == 1 and bands[0][1].wavelength is not None and bands[0][0] not in _NOT_BANDS:
-            name = bands[0][1].name
-            tiff = "tiff" in str(usable[key].get("type"))  # of two formats TIFF is used, as it is read in parts
-            if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
-                singles[name] = key
+    # of two formats TIFF is used, as it is read in parts
+    for key in sorted(said, key=lambda k: "tiff" not in str(usable[k].get("type"))):
+        if len(said[key]) == 1:
+            ((common, band),) = said[key]
+            if band.wavelength is not None and common not in _NOT_BANDS:
+                singles.setdefault(band.name, key)
     several = [k for k, bands in said.items() if len(bands) > 1]
     if len(singles) > 1:
         return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
