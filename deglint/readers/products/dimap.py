@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import RADIANCE_UNIT, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
@@ -127,7 +127,7 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
 
 def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
     """Known scale, offset, unit, wavelength and width of a band as fields of `ProductBand`; `band` is the BAND_ID."""
-    kind, unit = "Band_Radiance", RADIANCE_UNIT
+    kind, unit = "Band_Radiance", PRODUCT_UNIT
     if processing == "REFLECTANCE":
         kind, unit = "Band_Reflectance", "reflectance"
     factors, ends = (

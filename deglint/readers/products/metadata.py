@@ -28,7 +28,7 @@ from ..text import number
 
 Item = TypeVar("Item")
 MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large, and need not be a product
-RADIANCE_UNIT = "W m-2 sr-1 um-1"  # of products of satellites
+PRODUCT_UNIT = "W m-2 sr-1 um-1"  # of radiance in the products of satellites
 FULL = 65535.0  # saturated file value of Sentinel-2 and Landsat if the metadata do not give it
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
