@@ -92,13 +92,7 @@ def open_scene(
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     preset = None if sensor is None else as_path(sensor, "sensor")
-    given: Given = {
-        "bands": _names(bands),
-        "wavelengths": tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
-        "scale": _numbers("scale", scale, "0.0001", zero=False),
-        "offset": _numbers("offset", offset, "-0.1"),
-    }
-    scene = _stacked(paths, preset, nir, nodata, grid, given)
+    scene = _stacked(paths, preset, nir, nodata, grid, _given(bands, wavelengths, scale, offset))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
@@ -197,6 +191,16 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
 def _stem(info: RasterInfo) -> str:
     """Name of a file with one band, without folder and ending; "" for other files."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
+
+
+def _given(bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None) -> Given:
+    """Parse and check the options of `open_scene` that override properties in the files."""
+    return {
+        "bands": _names(bands),
+        "wavelengths": tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
+        "scale": _numbers("scale", scale, "0.0001", zero=False),
+        "offset": _numbers("offset", offset, "-0.1"),
+    }
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
