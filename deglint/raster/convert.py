@@ -96,7 +96,7 @@ def holds(dtype: npt.DTypeLike, number: float) -> bool:
 
 def same_nodata(a: float | None, b: float | None) -> bool:
     """Whether two nodata values are the same (NaN is NaN)."""
-    return a == b or (a is not None and b is not None and a != a and b != b)
+    return a == b or (a != a and b != b)
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:

@@ -174,15 +174,16 @@ def one_line(error: BaseException) -> str:
     return text.splitlines()[0].rstrip(".")
 
 
-def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterInfo:
-    """Properties of an open dataset; no pixel is read.
+def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
+    """Open a file and return its properties; no pixel is read.
 
     GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. It becomes a band of
     the scene with `alpha_is_band`, or if it has a name that does not contain "alpha"; else it is a mask. ReadError if
     the header is damaged, InputError if there is no usable band or if the transform cannot be inverted.
     """
     try:
-        info = _described(dataset, path, alpha_is_band)
+        with open_dataset(path) as dataset:
+            info = _described(dataset, path, alpha_is_band)
     except (InputError, ReadError):
         raise
     except gdal_errors(ValueError, ArithmeticError, LookupError) as error:
@@ -194,12 +195,6 @@ def describe(dataset: Any, path: str, *, alpha_is_band: bool = False) -> RasterI
             "none: gdal_edit.py -unsetgt."
         )
     return info
-
-
-def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
-    """Open a file and return its properties, as `describe` does."""
-    with open_dataset(path) as dataset:
-        return describe(dataset, path, alpha_is_band=alpha_is_band)
 
 
 def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:

@@ -36,12 +36,12 @@ class FileBands:
     warp: Mapping[str, Any] | None = field(default=None, repr=False)  # WarpedVRT's options, to resample the file
 
     @classmethod
-    def of(cls, info: RasterInfo, nodatas: Sequence[float | None] | None = None) -> Self:
-        """All bands of the file that `info` describes; `nodatas` override the nodata of `info`."""
+    def of(cls, info: RasterInfo) -> Self:
+        """All bands of the file that `info` describes."""
         return cls(
             path=info.paths[0],
             indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
-            nodatas=tuple(info.nodatas if nodatas is None else nodatas),
+            nodatas=info.nodatas,
             masked=any(not flags or ("per_dataset" in flags and "alpha" not in flags) for flags in info.mask_flags),
             alpha=info.alpha,
             flat=info.flat,

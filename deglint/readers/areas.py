@@ -236,10 +236,9 @@ def middle_of(path: str) -> tuple[float, float]:
         crs = crs_of(document, path)
     else:
         with open_dataset(path) as dataset:
-            crs, corner = dataset.crs, at(dataset.transform, 0.5 * dataset.width, 0.5 * dataset.height)
+            crs, (x, y) = dataset.crs, at(dataset.transform, 0.5 * dataset.width, 0.5 * dataset.height)
         if crs is None:
             raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
-        x, y = corner
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:

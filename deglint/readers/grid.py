@@ -29,7 +29,6 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
     `grid` is "finest" (the default), or selects a file by its 1-based number, its name or the end of its name.
     """
-    files = [FileBands.of(info) for info in infos]
     sizes = {(i.height, i.width) for i in infos}
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
@@ -40,17 +39,19 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
     chosen = _choose(infos, areas, grid)
     reference, here = infos[chosen], bounds[chosen]
+    files: list[FileBands] = []
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
-    for i, (info, there) in enumerate(zip(infos, bounds, strict=True)):
+    for info, there, area in zip(infos, bounds, areas, strict=True):
         if same_grid(info, reference):
+            files.append(FileBands.of(info))
             continue
         if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
-        finer = areas[i] < 0.98 * areas[chosen]
-        files[i] = _warped(files[i], info, reference, how="average" if finer else "bilinear")
+        finer = area < 0.98 * areas[chosen]
+        files.append(_warped(info, reference, how="average" if finer else "bilinear"))
         how = "averaged" if finer else "resampled (bilinear)"
         product = info.tags.get("", {}).get("product")
         moved.setdefault((how, product or info.paths[0]), []).append(_called(info))
@@ -129,11 +130,11 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
     """Source that reads classes on the grid of `grid`, by nearest neighbour; `nodata` overrides that in the file."""
-    file = FileBands.of(info, None if nodata is None else (nodata,) * info.count)
-    if not same_grid(info, grid):
-        file = _warped(file, info, grid, how="nearest")
-    placed = replace(info, height=grid.height, width=grid.width, crs=grid.crs, transform=grid.transform)
-    return RasterSource([file], replace(placed, nodatas=file.nodatas))
+    if nodata is not None:
+        info = replace(info, nodatas=(nodata,) * info.count)
+    file = FileBands.of(info) if same_grid(info, grid) else _warped(info, grid, how="nearest")
+    place = {name: getattr(grid, name) for name in ("height", "width", "crs", "transform")}
+    return RasterSource([file], replace(info, **place, nodatas=file.nodatas))
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
@@ -148,7 +149,8 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
 
 
-def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
+def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
+    """The bands of a file, resampled to the grid of `reference` while they are read; `how`: a method of GDAL."""
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
@@ -164,7 +166,7 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
-    nodatas, alpha = file.nodatas, file.alpha
+    nodatas, alpha = info.nodatas, info.alpha
     declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     if declared is not None:
         warp |= {"src_nodata": declared, "nodata": declared}
@@ -172,7 +174,7 @@ def _warped(file: FileBands, info: RasterInfo, reference: RasterInfo | Scene, *,
     elif alpha is None:
         warp["add_alpha"], alpha = True, info.count + 1
     # no flat field: it holds only for pixels that are not resampled
-    return replace(file, warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
+    return replace(FileBands.of(info), warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from itertools import chain
 from typing import Any
 
@@ -28,6 +28,9 @@ from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]
 Numbers = str | float | Sequence[float]
+Given = Mapping[str, tuple[Any, ...]]
+"""Properties of bands that the user gives, by option of `open_scene`: a value per band, or none. A single scale or
+offset is for all bands."""
 
 
 @checked_keywords()
@@ -89,7 +92,7 @@ def open_scene(
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     preset = None if sensor is None else as_path(sensor, "sensor")
-    scene = _stacked(paths, preset, nir, nodata, grid, Stated.of(bands, wavelengths, scale, offset))
+    scene = _stacked(paths, preset, nir, nodata, grid, _given(bands, wavelengths, scale, offset))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
@@ -99,11 +102,12 @@ def _stacked(
     nir: Wanted | None,
     nodata: float | str | None,
     grid: str | int | None,
-    stated: Stated,
+    given: Given,
 ) -> Scene:
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
-    alone = stated.count if len(assets) == 1 else None
+    count = max(len(given["bands"]), len(given["wavelengths"]))
+    alone = count if len(assets) == 1 else 0
     opened = []
     for asset in assets:
         held = products.opened(asset.path, lambda name: _describe(name, preset, nir, notes, alone))
@@ -111,10 +115,10 @@ def _stacked(
     notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
-    info = stated.on(_together(infos, reference))
+    info = _with_given(_together(infos, reference), given)
     stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
     found, known, told = bands_of(info, stems, preset)
-    if len(infos) > 1 or preset is not None or stated.count:
+    if len(infos) > 1 or preset is not None or count:
         info = labelled(info, found)
     return Scene(
         bands=tuple(found),
@@ -131,11 +135,11 @@ def _stacked(
     )
 
 
-def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int | None) -> RasterInfo:
+def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int) -> RasterInfo:
     """Describe a file; its alpha band is kept as a band of the scene, or left out with a note.
 
     The alpha band is kept if the user selects it as `nir`, or if only with this band the number of bands is `count` (of
-    the names or wavelengths that the user gives) or fits the preset `sensor`.
+    the names or wavelengths that the user gives, 0 without) or fits the preset `sensor`.
     """
     info = describe_file(path)
     if info.alpha is None:
@@ -189,50 +193,35 @@ def _stem(info: RasterInfo) -> str:
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
-@dataclass(frozen=True)
-class Stated:
-    """Properties of bands that the user gives; they override the file. Tuples are empty or have one entry per band."""
+def _given(bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None) -> Given:
+    """Parse and check the options of `open_scene` that override properties in the files."""
+    return {
+        "bands": _names(bands),
+        "wavelengths": tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
+        "scale": _numbers("scale", scale, "0.0001", zero=False),
+        "offset": _numbers("offset", offset, "-0.1"),
+    }
 
-    names: tuple[str, ...] = ()
-    wavelengths: tuple[float, ...] = ()  # centres [nm]
-    scales: tuple[float, ...] = ()  # physical value = file value * scale + offset
-    offsets: tuple[float, ...] = ()  # a single scale or offset is for all bands
 
-    @classmethod
-    def of(
-        cls, bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None
-    ) -> Stated:
-        """Parse and check the options of `open_scene`: each is a text or a sequence of values."""
-        return cls(
-            _names(bands),
-            tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
-            tuple(_numbers("scale", scale, "0.0001", zero=False)),
-            tuple(_numbers("offset", offset, "-0.1")),
-        )
-
-    @property
-    def count(self) -> int | None:
-        """Number of bands for which names or wavelengths are given; None if neither is given."""
-        return max(len(self.names), len(self.wavelengths)) or None
-
-    def on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of `info` with these properties; InputError if their number is not the number of bands in `info`."""
-        total, path = info.count, ", ".join(info.paths)
-        scales, offsets = (v * total if len(v) == 1 else v for v in (self.scales, self.offsets))
-        given = {"bands": self.names, "wavelengths": self.wavelengths, "scale": scales, "offset": offsets}
-        for option, values in given.items():
-            if len(values) not in (0, total):
-                raise InputError(
-                    f"--{option} gives {len(values)} and {path} has {total} bands. Give one for each band, in the "
-                    "file's order; -b chooses bands."
-                )
-        return replace(
-            with_spectral(info, [(w, None) for w in self.wavelengths]) if self.wavelengths else info,
-            descriptions=self.names or info.descriptions,
-            scales=scales or info.scales,
-            offsets=offsets or info.offsets,
-            offset_given=bool(offsets) or info.offset_given,
-        )
+def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
+    """A copy of `info` with the properties that the user gives; InputError if there is not one value per band."""
+    total, path = info.count, ", ".join(info.paths)
+    every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
+    for option, values in every.items():
+        if len(values) not in (0, total):
+            raise InputError(
+                f"--{option} gives {len(values)} and {path} has {total} bands. Give one for each band, in the "
+                "file's order; -b chooses bands."
+            )
+    if waves := every["wavelengths"]:
+        info = with_spectral(info, [(w, None) for w in waves])
+    return replace(
+        info,
+        descriptions=every["bands"] or info.descriptions,
+        scales=every["scale"] or info.scales,
+        offsets=every["offset"] or info.offsets,
+        offset_given=bool(every["offset"]) or info.offset_given,
+    )
 
 
 def _names(given: Names | None) -> tuple[str, ...]:
@@ -254,9 +243,9 @@ def _names(given: Names | None) -> tuple[str, ...]:
     return names
 
 
-def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> list[float]:
+def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = True) -> tuple[float, ...]:
     if given is None:
-        return []
+        return ()
     values = np.array(given.split(",") if isinstance(given, str) else given, dtype=object).ravel()
     try:
         found = [math.nan if isinstance(value, bool) else float(value) for value in values]
@@ -265,7 +254,7 @@ def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = T
     if not np.isfinite(found).all() or (0 in found and not zero):
         what = "numbers" if zero else "numbers other than 0"
         raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")
-    return found
+    return tuple(found)
 
 
 def _nanometres(value: float) -> float:

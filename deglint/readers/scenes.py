@@ -19,6 +19,7 @@ from urllib.parse import unquote, urljoin
 
 from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
+from ..raster.info import REMOTE_NAME
 from . import products
 from .products.metadata import ProductBand, angle_tags, filled, tags_of
 from .spectral import nanometres, nominal_wavelength
@@ -26,7 +27,6 @@ from .text import number, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
-_REMOTE_ITEM = re.compile(r"(?:https?|s3|gs|az)://", re.IGNORECASE)
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 _NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
 _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
@@ -145,12 +145,12 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
     singles: dict[str, str] = {}
-    for key, bands in said.items():
-        if len(bands) == 1 and bands[0][1].wavelength is not None and bands[0][0] not in _NOT_BANDS:
-            name = bands[0][1].name
-            tiff = "tiff" in str(usable[key].get("type"))  # of two formats TIFF is used, as it is read in parts
-            if name not in singles or (tiff and "tiff" not in str(usable[singles[name]].get("type"))):
-                singles[name] = key
+    # of two formats TIFF is used, as it is read in parts
+    for key in sorted(said, key=lambda k: "tiff" not in str(usable[k].get("type"))):
+        if len(said[key]) == 1:
+            ((common, band),) = said[key]
+            if band.wavelength is not None and common not in _NOT_BANDS:
+                singles.setdefault(band.name, key)
     several = [k for k, bands in said.items() if len(bands) > 1]
     if len(singles) > 1:
         return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
@@ -197,11 +197,11 @@ def href(asset: Any, path: str) -> str:
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")
-    if _REMOTE_ITEM.match(given):
+    if REMOTE_NAME.match(given):
         return given
     if given.lower().startswith("file://"):
         return unquote(given[7:])
-    return urljoin(path, given) if _REMOTE_ITEM.match(path) else str(Path(path).parent / given)
+    return urljoin(path, given) if REMOTE_NAME.match(path) else str(Path(path).parent / given)
 
 
 @dataclass(frozen=True)

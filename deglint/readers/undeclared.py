@@ -45,6 +45,8 @@ over water (percentile `DARK`), or if its range up to percentile `UPPER` is the 
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]
+Block = tuple[Tile, npt.NDArray[Any], Mask | None]
+"""A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +90,13 @@ def undeclared(scene: Scene) -> Undeclared:
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut, four = _cut_sentinel2(scene, info), _four(scene)
     if silent or cut or four:
-        blocks = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
+        blocks: list[Block] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
-            found = _nodata(scene, info, [(t, raw) for t, raw, _ in blocks])
+            found = _nodata(scene, info, blocks)
         if cut:
-            found = _offset(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
+            found = _offset(scene, info, blocks, found)
         if four:
-            found = _order(scene, info, [(raw, valid) for _, raw, valid in blocks], found)
+            found = _order(scene, info, blocks, found)
     source.settled = True
     for note in found.notes:
         log.warning("%s", note)
@@ -115,12 +117,12 @@ def _tiles(scene: Scene) -> list[Tile]:
     return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
-def _nodata(scene: Scene, info: RasterInfo, blocks: list[tuple[Tile, npt.NDArray[Any]]]) -> Undeclared:
-    """Find nodata, a value that all bands have over whole areas of the `blocks`, (tile, file values).
+def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
+    """Find nodata, a value that all bands have over whole areas of the `blocks`.
 
     A band that also has the value in many pixels where other bands differ gets no nodata.
     """
-    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw in blocks]
+    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
     value = _commonest(same)
     if value is None:
         return Undeclared()
@@ -183,7 +185,7 @@ def _four(scene: Scene) -> bool:
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
-def _order(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
+def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
     """Add wavelengths of four bands to the findings if brightness and variation in `blocks` agree with `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
@@ -197,8 +199,8 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found:
     return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 
-def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found: Undeclared) -> Undeclared:
-    """Add the offset of Sentinel-2 to the findings if the file values include it; `blocks` are (values, valid)."""
+def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
+    """Add the offset of Sentinel-2 to the findings if the file values in `blocks` include it."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     dark = [f for f, b in zip(floors, scene.bands, strict=True) if b.wavelength and b.wavelength > VISIBLE]
     if not (S2_FLOOR[0] <= min(floors) <= S2_FLOOR[1] and dark and max(dark) <= S2_DARK):
@@ -211,11 +213,11 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[tuple[Any, Any]], found
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 
-def _percentiles(blocks: list[tuple[Any, Any]], nodatas: Sequence[float | None], percent: float) -> list[float]:
-    """A percentile of the valid file values of each band in `blocks`, (values, valid); infinite if none is valid."""
+def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: float) -> list[float]:
+    """A percentile of the valid file values of each band in `blocks`; infinite if none is valid."""
     out = []
     for band, nodata in enumerate(nodatas):
-        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for raw, valid in blocks])
+        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])
         out.append(float(np.percentile(values, percent)) if values.size else math.inf)
     return out
 

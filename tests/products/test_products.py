@@ -233,6 +233,16 @@ def test_a_files_own_scale_counts_more_than_the_product_beside_it(make, sea, tmp
     assert sum("floating-point numbers are taken as they are" in n for n in scene.notes) == 1
 
 
+def test_a_band_of_a_product_that_its_file_calls_alpha_is_a_band_of_the_scene(make, sea, tmp_path):
+    image = next(make.planetscope(tmp_path, sea()).glob("*_AnalyticMS.tif"))
+    make.raster(image, *sea(), pixel=3, photometric="RGB", alpha="YES")
+    assert deglint.open_scene(image).names == ("blue", "green", "red", "nir")
+    make.raster(image, *sea()[:3], pixel=3)
+    scene = deglint.open_scene(image)
+    assert scene.names == ("band 1", "band 2", "band 3")
+    assert sum("has 3 bands, the metadata 4: they are not used" in n for n in scene.notes) == 1
+
+
 # ------------------------------------------------------------------------------------------------- commands
 
 

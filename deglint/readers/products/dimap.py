@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import Container, Product, ProductBand, angle_tags, said, said_number, tags_of
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
@@ -21,7 +21,6 @@ _NAMES = {"R": "red", "G": "green", "B": "blue", "NIR": "nir", "RE": "rededge", 
 _DIMAP_TITLES = {"PHR": "Pleiades", "PNEO": "Pleiades Neo", "SPOT": "SPOT"}
 _SCALED = ("BASIC", "", "REFLECTANCE")  # radiometric processing levels whose gains convert to radiance or reflectance
 _PLEIADES_ORBIT = 694_000.0  # altitude of Pleiades and SPOT 6 and 7 [m]
-UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
@@ -128,7 +127,9 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
 
 def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
     """Known scale, offset, unit, wavelength and width of a band as fields of `ProductBand`; `band` is the BAND_ID."""
-    kind, unit = ("Band_Reflectance", "reflectance") if processing == "REFLECTANCE" else ("Band_Radiance", UNIT)
+    kind, unit = "Band_Radiance", PRODUCT_UNIT
+    if processing == "REFLECTANCE":
+        kind, unit = "Band_Reflectance", "reflectance"
     factors, ends = (
         next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in (kind, "Band_Spectral_Range")
     )

@@ -10,7 +10,7 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ..text import positive
-from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
@@ -23,7 +23,6 @@ _WITHOUT_MTL = {
     "1": "the numbers are taken as they stand. Download it again, or give --scale and --offset",
     "2": f"scale {SURFACE[0]:g} and offset {SURFACE[1]:g} of all Level-2 products of Collection 2 are assumed",
 }
-FULL = 65535.0  # largest file value if the MTL file does not give it (QUANTIZE_CAL_MAX_BAND_n)
 LANDSAT_ORBIT = 705_000.0
 """Altitude of Landsat 8 and 9 [m]. They view the nadir; a few scenes have a ROLL_ANGLE of about 15 degrees."""
 CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the preset has only the bands 1 to 7

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from ... import sensors
 from ...errors import InputError
 from ..text import positive
-from .metadata import Container, MetadataError, Product, ProductBand, last, said, tags_of
+from .metadata import PRODUCT_UNIT, Container, MetadataError, Product, ProductBand, last, said, tags_of
 
 METADATA = r".+\.(?:IMD|TIL)|\d\d[A-Z]{3}\d{8}-.+\.XML"
 IMAGES = r"\d\d[A-Z]{3}\d{8}[-_].+\.(?:tiff?|ntf)"
@@ -27,7 +27,6 @@ _SATELLITES = {
 _MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
           "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _NOT_ENHANCED = ("", "OFF", "NONE")
-UNIT = "W m-2 sr-1 um-1"
 
 
 def find(container: Container) -> Product | None:
@@ -67,7 +66,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
         own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
         factor, width = (positive(said(root, f"BAND_{letter}/{k}")) for k in ("ABSCALFACTOR", "EFFECTIVEBANDWIDTH"))
         band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), nodata=0.0)
-        bands.append(replace(band, scale=factor / width, unit=UNIT) if plain and factor and width else band)
+        bands.append(replace(band, scale=factor / width, unit=PRODUCT_UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
     facts = {

@@ -22,12 +22,14 @@ import numpy as np
 
 from ...errors import InputError, ReadError
 from ...raster import FlatField, RasterInfo
-from ...raster.info import describe, open_dataset
+from ...raster.info import describe_file
 from ..spectral import with_spectral
 from ..text import number
 
 Item = TypeVar("Item")
 MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large, and need not be a product
+PRODUCT_UNIT = "W m-2 sr-1 um-1"  # of radiance in the products of satellites
+FULL = 65535.0  # saturated file value of Sentinel-2 and Landsat if the metadata do not give it
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
 _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
@@ -278,8 +280,9 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
     notes = list(product.notes)
     for path, group in groupby(product.bands, key=lambda band: band.path):
         bands = tuple(group)
-        with open_dataset(path) as dataset:
-            info = describe(dataset, path, alpha_is_band=dataset.count == len(bands))
+        info = describe_file(path)
+        if info.alpha is not None and info.count + 1 == len(bands):
+            info = describe_file(path, alpha_is_band=True)
         if info.count != len(bands) and len(bands) > 1:
             notes.append(f"{path} has {info.count} bands, the metadata {len(bands)}: they are not used")
             infos.append(info)

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import positive
-from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
@@ -65,7 +65,7 @@ def find(container: Container) -> Product | None:
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
     """Factors of `count` bands to reflectance, else to radiance, and the unit; [] and "" if `factors` lacks a band."""
-    for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", "W m-2 sr-1 um-1")):
+    for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]
         if len(known) == count:

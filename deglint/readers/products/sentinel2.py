@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import numbers, positive
-from .metadata import Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
@@ -21,7 +21,6 @@ _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
           "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
 """Pixel size of each band [m]."""
-FULL = 65535.0  # saturated file value if the metadata do not give it
 _QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
     "band names are known, scale and offset are not: the numbers are taken as they stand. Give --scale and "
