@@ -19,10 +19,10 @@ Result = TypeVar("Result")
 def nearest(word: str, known: list[str]) -> str:
     """Suggestion "; did you mean X?" if one of the known words is similar to `word`, else an empty string.
 
-    >>> nearest("hedly", ["hedley", "joyce"]), nearest("magic", ["hedley", "joyce"])
-    ("; did you mean 'hedley'?", '')
+    >>> nearest("hedly", ["hedley", "joyce"]), nearest("magic", ["hedley", "joyce"]), nearest("nir", ["nir"])
+    ("; did you mean 'hedley'?", '', '')
     """
-    found = difflib.get_close_matches(word.lower(), known, 1, 0.6)
+    found = difflib.get_close_matches(word.lower(), [k for k in known if k != word], 1, 0.6)
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
@@ -33,7 +33,8 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[
     """
 
     def decorate(function: Callable[Args, Result]) -> Callable[Args, Result]:
-        known = [name for name in inspect.signature(function).parameters if name != "self"] + list(more)
+        parameters = inspect.signature(function).parameters.values()
+        known = [p.name for p in parameters if p.name != "self" and p.kind is not p.VAR_KEYWORD] + list(more)
 
         @wraps(function)
         def call(*args: Args.args, **kwargs: Args.kwargs) -> Result:
