@@ -149,13 +149,12 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
         extras: Any = {name: image.with_name(f"{image.stem}_{name}{EXTRAS[name]}") for name in order.extras}
         jobs.append(Job(scene, Outputs(image, **made, **extras)))
     names = Counter(path for job in jobs for path in job.outputs.every())
-    for job in jobs:
-        if twice := next((path for path in job.outputs.every() if names[path] > 1), None):
-            them = ", ".join(j.scene.paths[0] for j in jobs if twice in j.outputs.every())
-            raise InputError(
-                f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
-                "with columns path and name."
-            )
+    if twice := next((path for path, count in names.items() if count > 1), None):
+        them = ", ".join(job.scene.paths[0] for job in jobs if twice in job.outputs.every())
+        raise InputError(
+            f"several scenes would be written to {twice}: {them[:300]}. Give them names of their own, in a CSV "
+            "with columns path and name."
+        )
     # an output that does not exist yet cannot be an input file
     if there := [path for job in jobs for path in job.outputs.every() if path.exists()]:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]

@@ -123,7 +123,7 @@ def apply(
         )
     else:
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
-    scene, own = opened.scene, opened.scene.source.info.dtype  # type: ignore[attr-defined]
+    scene, own = opened.scene, raster_of(opened.scene).info.dtype
     if dtype is not None and (dtype not in DTYPES or (dtype != own and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {own}, got {dtype!r}.")
     work = correction(scene, fitted, dtype=dtype)

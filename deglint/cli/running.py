@@ -143,16 +143,15 @@ def _quiet_libraries() -> Iterator[None]:
 @contextlib.contextmanager
 def _no_c_stderr() -> Iterator[None]:
     """Discard what C libraries write to file descriptor 2; Python's `sys.stderr` still reaches its target."""
-    python_stderr = sys.stderr
     real = os.dup(2)
-    with open(real, "w", buffering=1, errors="replace") as sys.stderr, open(os.devnull, "w") as nowhere:  # noqa: PTH123
+    with open(real, "w", buffering=1, errors="replace") as kept, open(os.devnull, "w") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), 2)
         try:
-            yield
+            with contextlib.redirect_stderr(kept):
+                yield
         finally:
-            sys.stderr.flush()
+            kept.flush()
             os.dup2(real, 2)
-            sys.stderr = python_stderr
 
 
 class Console(logging.Handler):

@@ -1,6 +1,5 @@
 """Correct a scene tile by tile: corrected values, flags, numbers of pixels, amounts of glint and standard errors."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -60,10 +59,10 @@ class Block:
     water: Mask  # (row, column), pixels of `outer` that may be corrected
     known: Mask  # (row, column), valid pixels of the tile
     where: Mask  # (row, column), pixels of the tile to correct: valid water
-    changes: list[tuple[list[int], Mask]] = field(default_factory=list)  # 0-based bands, and where they changed
+    changes: dict[int, Mask] = field(default_factory=dict)  # for each 0-based band that changed: where, (row, column)
     replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
     targets: Mask | None = None  # (row, column), protected pixels
-    errors: Any = None  # (band, row, column), standard errors if wanted, else zeros or None
+    errors: Any = 0.0  # (band, row, column), standard errors if wanted
 
     @property
     def own(self) -> Any:
@@ -83,9 +82,8 @@ class Correction:
     water: WaterRule | None = None  # without `area`: rule that finds the pixels; None: all pixels
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
-    want_flags: bool = False
     want_amount: bool = False
-    noise: tuple[float, ...] = ()  # standard deviation of noise of each band in `changed`, for glint classes
+    noise: tuple[float, ...] | None = None  # standard deviation of each band in `changed`; None: no flags wanted
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # one per band: standard errors of a chain with an opening
     left: Posterior | None = None  # variance of glint that is left, for standard errors of a removal without stages
@@ -113,19 +111,21 @@ class Correction:
     def __call__(self, tile: Tile) -> Corrected:
         """Read a tile, correct it, and convert it to the type of the output."""
         block, wanted = self._read(tile), self.amount_bands
-        before = block.own[wanted] if self.want_flags or self.want_amount else None
+        before = block.own[wanted] if self.want_amount else None
         saturated = self._saturated(block.own)
-        full = np.asarray(saturated.any(axis=0))
         physical = self._corrected(block)
-        flags = bits.tile_flags(block, full)
-        tally = bits.counted(block, flags, saturated)
-        error = self._stderr(block, physical) if self.want_stderr else None
-        done = Corrected(self._encoded(block, physical, flags, tally), tally, self._file_valid(block), stderr=error)
+        raw, negative, clipped = self._encoded(block, physical)
+        marked = {"saturated": saturated, "negative": negative, "clipped": clipped}
+        flags = bits.tile_flags(block, **marked)
+        done = Corrected(raw, bits.counted(block, flags, **marked), self._file_valid(block))
+        if self.want_stderr:
+            done.stderr = self._stderr(block, physical)
         if before is not None:
             done.amount = np.subtract(before, physical[wanted], dtype=np.float32)
-        if done.amount is not None and self.want_flags:
-            classes = bits.glint_classes(done.amount[: len(self.changed)], np.array(self.noise), full, block.where)
-            tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
+        if done.amount is not None and self.noise is not None:
+            amount, full = done.amount[: len(self.changed)], (flags & bits.SATURATED) > 0
+            classes = bits.glint_classes(amount, np.array(self.noise), full, block.where)
+            done.tally.glint = np.bincount(classes.ravel(), minlength=len(bits.GLINT_CLASSES))
             done.flags = np.stack([flags, classes])
         return done
 
@@ -138,10 +138,10 @@ class Correction:
         """Corrected physical values of the tile, (band, row, column); `block.changes` says where they changed."""
         physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
         if self.changed and block.where.any():
-            if self.chain.runs:
-                self._compensate(block, physical)
-            else:
+            if not self.chain.runs:
                 self._remove(block, physical)
+            if self.by_cells:
+                self._apply_chain(block, physical)
         return physical
 
     def _read(self, tile: Tile) -> Block:
@@ -151,10 +151,8 @@ class Correction:
         raw, valid = source.read_raw(outer.window)
         wide = source.to_physical(raw, valid)
         place = tile.within(outer)
-        known = np.ones(tile.shape, np.bool_)
-        if valid is not None or raw.dtype.kind not in "iu":
-            for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
-                known &= np.isfinite(wide[place][band])
+        needed = range(len(wide)) if self.chain.runs else self.model.index_bands
+        known = np.asarray(np.isfinite(wide[place][list(needed)]).all(axis=0))
         water = self._water_in(outer, wide)
         own_valid = None if valid is None else valid[place]
         return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])
@@ -188,53 +186,42 @@ class Correction:
                 np.subtract(physical[band], amount, out=physical[band], where=block.where)
         else:
             apply(physical, self.model, where=block.where, out=physical)
-        block.changes = [([f.band for f in self.model.fits], block.where)]
+        block.changes = {f.band: block.where for f in self.model.fits}
 
-    def _compensate(self, block: Block, physical: Any) -> None:
-        """Apply the chain cell by cell, and store the result in `physical`, (band, row, column), and in `block`."""
-        removed = {f.band for f in self.model.fits}
-        block.replaced = np.zeros(physical.shape, np.bool_)
-        block.targets = np.zeros(physical.shape[1:], np.bool_)
-        for state, core, within in self._states(block):
+    def _apply_chain(self, block: Block, physical: Any) -> None:
+        """Apply the chain to each cell, and write the result to `physical`, (band, row, column), and to `block`.
+
+        Without stages, only the standard errors are written.
+        """
+        removed, shape = {f.band for f in self.model.fits}, block.tile.shape
+        block.replaced, block.errors = np.zeros(physical.shape, np.bool_), np.zeros(physical.shape, np.float32)
+        block.targets = np.zeros(shape, np.bool_) if block.targets is None else block.targets
+        changes = {band: np.zeros(shape, np.bool_) for band in self.changed if self.chain.runs}
+        for cell in block.tile.split(CHAIN_CELL):
+            within = cell.within(block.tile)
             where = block.where[within]
-            clean = with_targets(state)[core]
+            if not where.any():
+                continue
+            wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
+            around, core = wide.within(block.outer), cell.within(wide)
+            state = State.of(block.wide[around], block.water[around], (cell.row0, cell.col0))
+            state = apply_chain(replace(state, errors=self.want_stderr), self.chain, self.model)
+            if self.want_stderr:
+                left = self.left.apply(state) if self.left else state
+                block.errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
             if state.replaced is not None:
                 block.replaced[within] = state.replaced[core] & where
             if state.targets is not None:
                 block.targets[within] = (state.targets[core] > 0).any(axis=0) & where
-            for band in self.changed:
-                place = where if band in removed else block.replaced[within][band] | block.targets[within]
-                np.copyto(physical[within][band], clean[band], where=place, casting="same_kind")
-        if both := sorted(removed & set(self.changed)):
-            block.changes = [(both, block.where)]
-        rewritten = {b: block.replaced[b] | block.targets for b in self.changed if b not in removed}
-        block.changes += [([band], place) for band, place in rewritten.items() if place.any()]
-
-    def _states(self, block: Block) -> Iterator[tuple[State, Any, Any]]:
-        """Apply the chain to each cell; yield the state with a halo, and the slices of the cell in the state and in the
-        tile. If standard errors are wanted, they are written to `block.errors`.
-        """
-        tile, outer = block.tile, block.outer
-        block.errors = np.zeros((len(block.wide), *tile.shape), np.float32)
-        for cell in tile.split(CHAIN_CELL):
-            within = cell.within(tile)
-            if not block.where[within].any():
-                continue
-            wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
-            around = wide.within(outer)
-            state = State.of(block.wide[around], block.water[around], (cell.row0, cell.col0))
-            state = apply_chain(replace(state, errors=self.want_stderr), self.chain, self.model)
-            core = cell.within(wide)
-            if self.want_stderr:
-                left = self.left.apply(state) if self.left else state
-                block.errors[within] = compensate.stderr(left, self.model, self.replaced)[core]
-            yield state, core, within
+            clean = with_targets(state)[core]
+            for band, place in changes.items():
+                rewritten = block.replaced[within][band] | block.targets[within]
+                place[within] = where if band in removed else rewritten
+                np.copyto(physical[within][band], clean[band], where=place[within], casting="same_kind")
+        block.changes |= {band: place for band, place in changes.items() if place.any()}
 
     def _stderr(self, block: Block, physical: Any) -> npt.NDArray[np.float32]:
         """Standard errors of the bands that may change, (band, row, column); NaN where nothing was corrected."""
-        if block.errors is None:
-            for _ in self._states(block):
-                pass
         out = block.errors
         if np.dtype(self.layout.dtype).kind in "iu":  # rounded to integers of the file
             steps = np.array(raster_of(self.scene).info.scales, np.float32)
@@ -242,24 +229,17 @@ class Correction:
         known = np.isfinite(physical) & block.where & bool(block.changes)
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
-    def _encoded(self, block: Block, physical: Any, flags: Any, tally: PixelCounts) -> npt.NDArray[Any]:
-        """All bands as numbers for the output file; negative and clipped values are added to `flags` and `tally`."""
+    def _encoded(self, block: Block, physical: Any) -> tuple[npt.NDArray[Any], Mask, Mask]:
+        """All bands as numbers for the output file, and masks of the negative and of the clipped values, like bands."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
-        for bands, place in block.changes:
-            negative, clipped = encode(
-                physical, raw, bands=bands, scales=info.scales, offsets=info.offsets, where=place, nodata=layout.nodata
-            )
-            tally.negative[bands] += bits.numbers(negative)
-            tally.clipped[bands] += bits.numbers(clipped)
-            flags[negative.any(axis=0)] |= bits.NEGATIVE
-            flags[clipped.any(axis=0)] |= bits.CLIPPED
-            if lost is not None:
-                lost[bands] &= ~place
-        if lost is not None:
-            tally.clipped += bits.numbers(lost)
-            flags[lost.any(axis=0)] |= bits.CLIPPED
-        return raw
+        negative, clipped = np.zeros((2, *raw.shape), np.bool_)
+        clipped = clipped if lost is None else lost
+        packing: Any = {"scales": info.scales, "offsets": info.offsets, "nodata": layout.nodata}
+        for band, place in block.changes.items():
+            (negative[band],), (outside,) = encode(physical, raw, bands=[band], where=place, **packing)
+            np.copyto(clipped[band], outside, where=place)
+        return raw, negative, clipped
 
     def _file_valid(self, block: Block) -> Mask | None:
         """Mask (row, column) of pixels that are valid in every band; None if the output has no mask."""
@@ -288,9 +268,9 @@ def correction(
         changed = named or set(range(len(scene.bands)))
     work = Correction(
         scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
-        fitted.water_bands, sorted(changed), bool(targets and targets.flags), bool(targets and targets.amount),
+        fitted.water_bands, sorted(changed), want_amount=bool(targets and (targets.flags or targets.amount)),
     )  # fmt: skip
-    if work.want_flags:
+    if targets and targets.flags:
         work = _with_noise(work, threads)
     if targets and targets.stderr:
         work = _with_stderr(work, threads)

@@ -22,7 +22,7 @@ from ..remove import METHODS, GlintModel
 from ..scene import Scene
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, role_bands, sampler_of
+from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, sampler_of
 from .recipe import Recipe, make_request
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
@@ -132,7 +132,7 @@ def _fit_overviews(
         # a mask file is also the sample; without a mask, all pixels are if no water is found
         sample = recipe.mask
         if sample == "none":
-            water = overview_of(scene, nir, threads, wanted=True).water
+            water = overview_of(scene, nir, threads).water
             sample = "auto" if water is not None and water.has_water else "all"
         recipe = replace(recipe, sample=sample)
     found = recipe.sample == "auto"
@@ -157,10 +157,11 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     """Fit a recipe to one overview of a scene; `of_nir`, the note on the NIR bands, is put first in `Fitted.notes`."""
     recipe, overview = job.recipe, job.overview
     notes = [of_nir, *log_water(overview.water, recipe.mask)]
-    sampler = sampler_of(job) if recipe.sample != "auto" else None
+    if recipe.sample != "auto":
+        job = replace(job, sampler=sampler_of(job))
     method, text, choice, training = recipe.method, recipe.chain, None, None
     if method == "auto" and text == "auto":
-        training = learning.read_training(job, sampler, learning.HALO)
+        training = learning.read_training(job, learning.HALO)
         job = replace(job, note=None)  # the tiles have been counted
         choice = learning.chosen(job, training)
         method, text = choice.best.method, choice.best.chain
@@ -177,23 +178,20 @@ def _fit(job: Job, of_nir: str) -> Fitted:
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off" or METHODS[method].neighbours:
         if training is None or text == "off":
-            training = learning.read_training(job, sampler, learning.HALO if text != "off" else 0)
-        chain, model = learning.fit_training(job, training, sampler, text, method)
-        pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
-        places = [learning.place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
-        sampled = learning.describe_sample(job, model, pixels, places)
+            training = learning.read_training(job, learning.HALO if text != "off" else 0)
+        chain, model, sampled = learning.fit_training(job, training, text, method)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sampled, of_sample = learning.fit_sampled(job, sampler or sampler_of(job), method)
+        model, sampled, of_sample = learning.fit_sampled(job, method)
     log_model(model, of_sample)
     regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
         recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
         regression=(regresses and model.regression) or "auto",
     )  # fmt: skip
-    bands = role_bands(overview.roles)
-    return Fitted(model, resolved, (*notes, *of_sample), sampled[0], sampled[1], overview.water, bands, chain, choice)
+    every, water = (*notes, *of_sample), (overview.water, overview.bands)
+    return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
@@ -214,8 +212,8 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
     fitted = Fitted(model, replace(resolved, compensate=chain.text or "off"), chain=chain)
     if recipe.mask == "auto":
-        overview = overview_of(scene, model.indexes[0].bands[0], threads, wanted=True)  # the NIR, as in a fit
-        fitted = replace(fitted, water=overview.water, water_bands=role_bands(overview.roles))
+        overview = overview_of(scene, model.indexes[0].bands[0], threads)  # the NIR, as in a fit
+        fitted = replace(fitted, water=overview.water, water_bands=overview.bands)
     note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
     log_model(model, [note])
     return replace(fitted, notes=(note, *of_water))
@@ -253,7 +251,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             notes.append(of_nir)
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
-            overview = overview_of(scene, nir, threads, wanted=True)
+            overview = overview_of(scene, nir, threads)
             valid = [np.isfinite(block) for block in read_tiles(scene, overview.tiles, [nir], threads)]
             out["looked_at_pixels"] = sum(block.size for block in valid)
             out["valid_fraction"] = float(sum(block.sum() for block in valid) / out["looked_at_pixels"])

@@ -27,7 +27,7 @@ from ..raster.output import Layout
 from ..readers.products.metadata import number
 from ..scene import FloatArray, Scene
 from .outputs import Outputs, PixelCounts, log
-from .overview import raster_of
+from .overview import Mask, raster_of
 
 if TYPE_CHECKING:
     from .correct import Block, Correction
@@ -65,8 +65,8 @@ _ANGLE_TAGS = {
 """Two tags of a scene that can state each angle [degree]; an elevation is 90 degrees minus the zenith angle."""
 
 
-def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile without `NEGATIVE` and `CLIPPED`; `saturated`: in any band; (row, column) each."""
+def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) -> npt.NDArray[np.uint8]:
+    """Flags of a corrected tile, (row, column); the arguments are masks (band, row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if block.changes else 0
     if block.replaced is not None:
@@ -74,25 +74,23 @@ def tile_flags(block: Block, saturated: npt.NDArray[np.bool_]) -> npt.NDArray[np
     if block.targets is not None:
         flags[block.targets & block.where] |= PROTECTED
     flags[~block.known] = NODATA
-    flags |= np.where(saturated, np.uint8(SATURATED), np.uint8(0))
+    for bit, masks in ((SATURATED, saturated), (NEGATIVE, negative), (CLIPPED, clipped)):
+        flags |= np.where(masks.any(axis=0), np.uint8(bit), np.uint8(0))
     return flags
 
 
-def counted(block: Block, flags: npt.NDArray[np.uint8], saturated: npt.NDArray[np.bool_]) -> PixelCounts:
-    """Count pixels by `flags` (row, column), and per band those replaced, changed, `saturated` (band, row, column)."""
+def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> PixelCounts:
+    """Count pixels by `flags` (row, column), and for each band those that changed, and those of each mask `marked`."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
-        counts["replaced"] = numbers(block.replaced)
-    counts["changed"], counts["negative"], counts["clipped"] = np.zeros((3, len(saturated)), np.int64)
-    for bands, place in block.changes:
-        counts["changed"][bands] = np.count_nonzero(place)
-    return PixelCounts(total=block.tile.pixels, saturated=numbers(saturated), **counts)
-
-
-def numbers(masks: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Number of True in each of `masks` (mask, row, column), (mask,); ten times faster than numpy with an axis."""
-    return np.array([np.count_nonzero(mask) for mask in masks], np.int64)
+        marked["replaced"] = block.replaced
+    for name, masks in marked.items():  # ten times faster than numpy with an axis
+        counts[name] = np.array([np.count_nonzero(mask) for mask in masks], np.int64)
+    counts["changed"] = np.zeros(len(block.raw), np.int64)
+    for band, place in block.changes.items():
+        counts["changed"][band] = np.count_nonzero(place)
+    return PixelCounts(total=block.tile.pixels, **counts)
 
 
 def glint_classes(
@@ -115,7 +113,7 @@ def glint_classes(
 
 def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
     """Sidecar entries: number of pixels of each class of sun glint, and limit of negligible glint of each band."""
-    noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise, strict=True)}
+    noise = {work.scene.names[b]: n for b, n in zip(work.changed, work.noise or (), strict=True)}
     pixels = dict(zip(GLINT_CLASSES.values(), tally.glint, strict=True))
     return {"specification": SPECIFICATION, "pixels": pixels, "negligible_up_to": noise}
 

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -39,16 +39,14 @@ class Overview:
     """A part of a scene that was read first, and the water in it."""
 
     tiles: tuple[Tile, ...]  # tiles that were read
-    roles: Roles  # the visible and NIR bands of the scene
+    bands: tuple[int, ...]  # 0-based scene bands that the masks use (visible and NIR), in ascending order
     water: WaterRule | None  # None if it was not requested, or if the scene has no visible band
     whole: bool  # the overview covers the whole scene
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
     """Yield overviews of ever larger parts of a scene, the last of all; `wanted`: with a water rule; `nir`: 0-based."""
-    roles = Roles(nir=nir, **{k: v for k, v in band_roles(scene).items() if k != "nir" and v != nir})
-    place = {b: i for i, b in enumerate(role_bands(roles))}  # in a block of the bands that the masks use
-    compact = replace(roles, swir=None, **{k: place[b] for k, b in asdict(roles).items() if b in place})
+    roles, bands = roles_of(scene, nir)
     total = scene.height * scene.width
     reflectance = (scene.sensor or "").startswith(("sentinel2", "landsat")) or all(
         re.fullmatch(r"(sr_)?b(0\d|1\d|8a)", name.lower()) for name in scene.names
@@ -58,12 +56,20 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
         chosen = _everywhere(scene, nir, threads) if last else _lattice(scene, pixels)
         rule = None
         if wanted and roles.visible and chosen:
-            blocks = read_tiles(scene, chosen, role_bands(roles), threads)
+            blocks = read_tiles(scene, chosen, bands, threads)
             whole = last and total <= MOST_OVERVIEW
-            rule = fit_water(blocks, compact, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
+            rule = fit_water(blocks, roles, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
         elif not chosen:
             raise NoWaterError(f"{scene.path} holds no valid pixel in band {scene.bands[nir].name}. Check --nodata.")
-        yield Overview(tuple(chosen), roles, rule, last)
+        yield Overview(tuple(chosen), bands, rule, last)
+
+
+def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
+    """Roles of the bands that the masks use, as numbers in a block of these bands; and their 0-based scene bands."""
+    visible = {role: band for role, band in band_roles(scene).items() if role in ("blue", "green", "red")}
+    found = {role: band for role, band in visible.items() if band not in (None, nir)} | {"nir": nir}
+    bands = tuple(sorted(found.values()))
+    return Roles(**{role: bands.index(band) for role, band in found.items()}), bands
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
@@ -93,9 +99,9 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
     return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]
 
 
-def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overview:
-    """The first overview in which water is found, or the last; the first if water is not searched for (None)."""
-    for overview in overviews(scene, nir, threads, wanted=wanted):
+def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
+    """The first overview in which water is found, or the last; the first if the scene has no visible band."""
+    for overview in overviews(scene, nir, threads, wanted=True):
         if overview.water is None or overview.water.has_water:
             break
     return overview
@@ -104,11 +110,6 @@ def overview_of(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Overvi
 def raster_of(scene: Scene) -> RasterSource:
     """The scene's raster source, with all properties of its file."""
     return cast(RasterSource, scene.source)
-
-
-def role_bands(roles: Roles) -> tuple[int, ...]:
-    """0-based scene bands that the masks use, in ascending order."""
-    return tuple(sorted({roles.nir, *roles.visible}))
 
 
 def on_threads(
@@ -134,6 +135,19 @@ def tile_shape_of(scene: Scene) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
+class Sampler:
+    """Where the sample of a scene lies."""
+
+    tiles: Sequence[Tile]  # tiles that contain the sample
+    squares: Sequence[Tile]  # others, of up to `TILE_SIDE` pixels a side, whatever the blocks of the file are
+    mask: Callable[[Any, Tile], Mask]  # mask of the sample (row, column) from a block of `bands`, and from its tile
+    bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
+    halo: int = 0  # pixels around a tile that `mask` needs
+    numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
+    bounds: Window | None = None  # window around a sample that the user has given
+
+
+@dataclass(frozen=True)
 class Job:
     """Scene, options and threads of a fit that uses one overview of the scene."""
 
@@ -145,6 +159,7 @@ class Job:
     note: Callable[[int, int], None] | None  # called with the numbers of finished tiles and of all tiles
     run: tiling.Run  # function that processes tiles
     want_sample: bool  # return the outline of the sample
+    sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
         """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
@@ -153,22 +168,6 @@ class Job:
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)
-
-
-@dataclass(frozen=True)
-class Sampler:
-    """Where the sample of a scene lies."""
-
-    tiles: Sequence[Tile]  # tiles that contain the sample
-    mask: Callable[[Any, Sequence[int], Tile], Mask]  # returns the sample mask of (block, its 0-based bands, tile)
-    bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
-    halo: int = 0  # pixels around a tile that `mask` needs
-    numbers: dict[str, Any] = field(default_factory=dict)  # entries of the sidecar
-    bounds: Window | None = None  # window around a sample that the user has given
-
-    def squares(self, scene: Scene) -> Sequence[Tile]:
-        """Tiles of up to `TILE_SIDE` pixels a side that cover the sample, whatever the blocks of the file are."""
-        return self.tiles if self.bounds is None else tiles_over(scene, self.bounds, (TILE_SIDE, TILE_SIDE))
 
 
 def sampler_of(job: Job) -> Sampler:
@@ -183,21 +182,18 @@ def sampler_of(job: Job) -> Sampler:
                 "a sample cannot be found without a visible band to tell water by. Pass --sample FILE.geojson, a "
                 "window, or --sample all."
             )
-        bands = role_bands(overview.roles)
-        rule = fit_sample(read_tiles(scene, overview.tiles, bands, job.threads), overview.water)
+        rule = fit_sample(read_tiles(scene, overview.tiles, overview.bands, job.threads), overview.water)
         numbers = {"rule": rule.numbers(), "tiles": len(overview.tiles)}
-
-        def deep(block: Any, columns: Sequence[int], _tile: Tile) -> Mask:
-            return deep_water(block[[columns.index(b) for b in bands]], rule)
-
-        return Sampler(overview.tiles, deep, bands, rule.halo, numbers)
+        places = overview.tiles, overview.tiles
+        return Sampler(*places, lambda block, _tile: deep_water(block, rule), overview.bands, rule.halo, numbers)
     area = window_area(((0, scene.height), (0, scene.width)))
     if sample != "all":
         # the area of --mask is the sample, too, where no other is given
         area = open_area(sample, scene, "--mask" if sample == job.recipe.mask else "--sample")
     numbers = {"crs": area.note} if area.note else {}
-    tiles = tiles_over(scene, area.bounds, tile_shape_of(scene))
-    return Sampler(tiles, lambda _block, _columns, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
+    shapes = tile_shape_of(scene), (TILE_SIDE, TILE_SIDE)
+    tiles, squares = (tiles_over(scene, area.bounds, shape) for shape in shapes)
+    return Sampler(tiles, squares, lambda _block, tile: area.read(tile.window), numbers=numbers, bounds=area.bounds)
 
 
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:

@@ -14,6 +14,7 @@ from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..checksum import Checksum, fingerprint
 from ..errors import InputError, NoWaterError
+from ..raster.convert import physical_dtype
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_ending, check_images, check_targets
@@ -223,13 +224,12 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
         raise InputError(f"window {window} is not inside a scene of {scene.height} x {scene.width} pixels.")
     work = correction(scene, fitted, mask=mask)
-    whole, out = Tile(top, bottom, left, right), np.empty(0)
+    whole = Tile(top, bottom, left, right)
+    out = np.empty((len(scene.bands), *whole.shape), physical_dtype(raster_of(scene).info.dtype))
     everything = tiles_over(scene, whole.window, work.layout.tile)
     options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
     with environment():
         for tile, (clean, _where) in tiling.run(everything, work.corrected, **options):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
-            if not out.size:
-                out = np.empty((len(clean), *whole.shape), clean.dtype)
             out[part.within(whole)] = clean[part.within(tile)]
     return out

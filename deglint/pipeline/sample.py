@@ -36,7 +36,7 @@ from ..remove.wiener import SquareKinds
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from .outputs import log
-from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Mask, Sampler, role_bands
+from .overview import OVERVIEW_PIXELS, TILE_SIDE, Job, Mask, Sampler, sampler_of
 from .recipe import smallest_object
 
 HALO = 64  # halo around a training tile [pixel]: windows, kernels and clumps of the first stages need it
@@ -82,11 +82,11 @@ class Training:
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
-def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callable[[Tile], Training]:
-    """Make a function that reads a training tile; its sample comes from `sampler`, or is the water away from shores."""
-    scene, rule, every = job.scene, job.overview.water, list(range(len(job.scene.bands)))
-    named = rule is None or (sampler is not None and not halo)
-    reach = 0 if rule is None or named else rule.halo
+def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
+    """Make a function that reads a training tile; its sample is the named one, or the water away from shores."""
+    scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
+    rule = job.overview.water if sampler is None or halo else None  # None: a named sample is all that is used
+    reach = rule.halo if rule else 0
 
     def work(tile: Tile) -> Training:
         outer = tile.grown(halo, scene.height, scene.width)
@@ -94,15 +94,15 @@ def training_reader(job: Job, sampler: Sampler | None, halo: int = 0) -> Callabl
         read = scene.source.read(wide.window, every)
         place = outer.within(wide)
         block, found = np.ascontiguousarray(read[place]), np.ones(outer.shape, np.bool_)
-        if rule is not None and not named:
-            found = np.ascontiguousarray(water([read[b] for b in role_bands(job.overview.roles)], rule)[place])
+        if rule is not None:
+            found = np.ascontiguousarray(water([read[b] for b in job.overview.bands], rule)[place])
         core = tile.within(outer)
         if sampler is None:
             away = away_from_shore(found)[core]
             sample = away if away.any() else found[core]
         else:
-            sample = sampler.mask(block[core], every, tile)
-            found[core] = sample if not halo else found[core] | sample
+            sample = sampler.mask(block[core][list(sampler.bands)], tile)
+            found[core] = found[core] | sample if halo else sample
         return Training(tile, outer, block, found, np.ascontiguousarray(sample))
 
     return work
@@ -122,9 +122,9 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
     return Strips.of(second) if second.any() and not second.all() else None
 
 
-def strips_in(job: Job, sampler: Sampler | None, kinds: SquareKinds) -> Strips:
+def strips_in(job: Job, kinds: SquareKinds) -> Strips:
     """Find strips with opposite band delays in the scene; `kinds` gives the kind of strip of each square in a tile."""
-    read, (_bands, height, width) = training_reader(job, sampler), job.scene.shape
+    read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
     for places, second in job.results(everything, lambda tile: kinds(read(tile).as_sample())):
@@ -143,14 +143,14 @@ def setting(job: Job) -> Setting:
     return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or 0.0)
 
 
-def read_training(job: Job, sampler: Sampler | None, halo: int) -> list[Training]:
+def read_training(job: Job, halo: int) -> list[Training]:
     """Read the training tiles, each with a halo [pixel]. If they have more than 2 * `OVERVIEW_PIXELS` pixels, only
     tiles with about `OVERVIEW_PIXELS` pixels are read, evenly spread, whatever the blocks of the file are.
     """
-    places: Sequence[Tile] = job.overview.tiles if sampler is None else sampler.squares(job.scene)
+    places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
-    return list(job.results(places, training_reader(job, sampler, halo), halo, job.note))
+    return list(job.results(places, training_reader(job, halo), halo, job.note))
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
@@ -192,15 +192,17 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
     return inner if enough else list(tiles)
 
 
-def fit_training(
-    job: Job, training: Sequence[Training], sampler: Sampler | None, text: str, method: str
-) -> tuple[Chain, GlintModel]:
+def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
     """Fit a chain and a removal method to training tiles; if `text` is "off", fit kernels (`wiener`) without stages."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
-        return found.chain, found.model
-    strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job, sampler)
-    return Chain(), wiener.fit(_of_kernels(job), [t.as_sample() for t in training], strips=strips)
+        chain, model = found.chain, found.model
+    else:
+        strips = strips_of_footprints(job.scene, job.request.correct[0]) or partial(strips_in, job)
+        chain, model = Chain(), wiener.fit(_of_kernels(job), [t.as_sample() for t in training], strips=strips)
+    pixels = sum(int(np.count_nonzero(t.sample)) for t in training)
+    places = [place_of(t.sample, t.tile, job.scene if job.want_sample else None) for t in training]
+    return chain, model, describe_sample(job, model, pixels, places)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
@@ -232,10 +234,11 @@ def _part_of(found: Training, scene: Scene) -> Training:
     return Training(part, outer, block, water, np.ascontiguousarray(found.sample[part.within(found.tile)]))
 
 
-def fit_sampled(job: Job, sampler: Sampler, method: str) -> tuple[GlintModel, Sampled, list[str]]:
+def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
     """Fit a pointwise method to its sample, in batches if there is a tolerance; also returns notes on the sample."""
+    sampler = job.sampler or sampler_of(job)
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
-    pool = sampler.squares(job.scene) if tolerance else sampler.tiles
+    pool = sampler.squares if tolerance else sampler.tiles
     model: GlintModel | None = None
     read: list[tuple[SampleStatistics, list[Place]]] = []
     done, wanted, worst = set[Tile](), OVERVIEW_PIXELS, math.inf
@@ -283,7 +286,7 @@ def _read(
     def work(tile: Tile) -> Any:
         outer, middle = (tile.grown(n, scene.height, scene.width) for n in (reach, halo))
         block: Any = scene.source.read(outer.window, columns)
-        mask = sampler.mask(block, columns, outer)
+        mask = sampler.mask(block[[columns.index(b) for b in sampler.bands]], outer)
         inner = middle.within(outer)
         mask, block = mask[inner], block[inner][rows]
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))

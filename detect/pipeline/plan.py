@@ -12,7 +12,7 @@ import numpy as np
 from deglint import tiles as tiling
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
 from deglint.masks import Roles, WaterRule, water
-from deglint.pipeline.overview import block_of, overview_of, role_bands
+from deglint.pipeline.overview import block_of, overview_of, roles_of
 from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
 from deglint.readers.grid import ground_area
@@ -204,12 +204,12 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     nir = find_nir(scene, list(recipe.nir) or None)[0]
     if (known := water_of_removal(scene, nir)) is not None:
         return recipe, None, known
-    look = overview_of(scene, nir, threads, wanted=True)
+    look = overview_of(scene, nir, threads)
     if look.water is None:
         raise InputError("water cannot be told without a visible band. Give --mask FILE, or --mask none.")
     if not look.water.has_water:
         raise NoWaterError(look.water.reason)
-    return recipe, None, (look.water, role_bands(look.roles))
+    return recipe, None, (look.water, look.bands)
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
@@ -234,8 +234,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
     The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
     """
-    found = band_roles(scene)
-    bands = role_bands(Roles(nir=nir, **{k: v for k, v in found.items() if k != "nir" and v != nir}))
+    _roles, bands = roles_of(scene, nir)
     try:
         numbers: dict[str, Any] = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
         roles = Roles(**numbers.pop("roles"))
