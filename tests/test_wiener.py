@@ -12,6 +12,7 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from deglint import Recipe, correct, fit_scene, open_scene, remove, remove_glint
 from deglint.errors import FitError, InputError
+from deglint.pipeline import correct as correcting
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.kernels import offsets
 from deglint.remove.levels import LevelSample, shared_level, shared_level_error
@@ -350,6 +351,18 @@ def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
     fit = fit_scene(scene, Recipe(method="wiener"))
     window = ((100, 211), (37, 401))
     np.testing.assert_array_equal(correct(scene, fit, window=window), correct(scene, fit)[:, 100:211, 37:401])
+
+
+def test_strips_lie_at_the_same_place_in_every_cell_of_a_chain(write, tmp_path, monkeypatch):
+    block = np.rint(swell_block((300, 420), seed=9)).clip(1).astype(np.uint16)
+    scene = open_scene(write(tmp_path / "sea.tif", block, names=("blue", "green", "red", "nir")))
+    fit = fit_scene(scene, Recipe(compensate="remove, posterior"))
+    strips = Strips(("0110100", "0010110", "0111001", "1100101", "1010011"))
+    second = tuple(replace(i, weights=tuple(0.8 * w for w in i.weights)) for i in fit.model.indexes)
+    fit = replace(fit, model=replace(fit.model, strips=strips, second=second))
+    whole = correct(scene, fit)
+    monkeypatch.setattr(correcting, "CHAIN_CELL", 96)
+    np.testing.assert_array_equal(correct(scene, fit), whole)
 
 
 @pytest.mark.slow

@@ -204,7 +204,7 @@ class Correction:
                 continue
             wide = cell.grown(self.chain_halo, self.scene.height, self.scene.width)
             around, core = wide.within(block.outer), cell.within(wide)
-            state = State.of(block.wide[around], block.water[around], (cell.row0, cell.col0))
+            state = State.of(block.wide[around], block.water[around], (wide.row0, wide.col0))
             state = apply_chain(replace(state, errors=self.want_stderr), self.chain, self.model)
             if self.want_stderr:
                 left = self.left.apply(state) if self.left else state
