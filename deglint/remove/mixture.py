@@ -23,7 +23,7 @@ from .further import longest_that
 from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
 from .levels import LEAST_GLINT
 from .model import BandFit, GlintIndex, GlintModel
-from .predict import bordered, predicted
+from .predict import predictions
 from .reference import ReferenceRule
 from .request import FitRequest
 from .wiener import SampleTile
@@ -67,8 +67,8 @@ def fit(
     model = _fitted(request, tiles, nir, longer)
     parts = []
     for tile in tiles:
-        references = {r.band: bordered(tile.block[r.band]) for r in model.references}
-        parts.append(np.stack([predicted(references, model, k)[tile.sample] for k in range(len(model.indexes))]))
+        references = {r.band: tile.block[r.band] for r in model.references}
+        parts.append(np.stack([p[tile.sample] for p in predictions(references, model)]))
     found = np.concatenate(parts, axis=1)
     together = found.sum(axis=0)
     lowest, middle, strong = np.percentile(together, [LEAST_GLINT / 2, 50, 99])

@@ -34,7 +34,7 @@ from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, 
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
-from .predict import bordered, predicted
+from .predict import predictions
 from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
@@ -313,8 +313,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
-            references = {band: bordered(values) for band, values in tile.references.items()}
-            found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
+            found = np.stack(list(predictions(tile.references, model, tile.origin)))
             together = np.tensordot(slopes, found, 1)
             mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
