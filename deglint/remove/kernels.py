@@ -155,6 +155,7 @@ class BandSet(NamedTuple):
 
     references: tuple[int, ...]  # 0-based bands of the scene
     bands: tuple[int, ...]  # places in `FitRequest.correct`
+    supports: tuple[tuple[int, ...], ...]  # to choose from: sides of kernels on each reference, smallest first
 
 
 class KernelFit(NamedTuple):
@@ -170,10 +171,8 @@ class KernelFit(NamedTuple):
     pixels: int  # pixels of the fit
 
 
-def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
+def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     """Fit the kernels of a set of bands; one `KernelFit` for each support that is chosen for some of the bands.
-
-    supports : sides of the kernels on the first, second, ... reference to choose from, smallest first [pixel]
 
     Raises FitError: the first reference does not vary, or numbers are too large.
     """
@@ -181,7 +180,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
     edges = np.arange(count + 1) * len(grams.grams) // count
     groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
     total = np.sum(groups, axis=0)
-    usable = [s for s in supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
+    usable = [s for s in band_set.supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
     if not usable or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "

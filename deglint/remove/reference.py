@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import FloatArray
+from .detrend import LOCAL_MEAN
 
-SIZE = 15  # side of the square for local means [pixel]: several waves, and less than a plume
 LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
 """A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
@@ -40,7 +40,7 @@ class ReferenceRule:
     @property
     def halo(self) -> int:
         """Number of pixels that `clean` needs around a tile: for three local means, and three edges."""
-        return 3 * (SIZE // 2) + 3 * self.edge
+        return 3 * (LOCAL_MEAN // 2) + 3 * self.edge
 
 
 def fit_reference(
@@ -134,7 +134,7 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
     """Sum of the quantised values of pixels `kept` in a square around each pixel, and number of pixels in the sum."""
     import cv2
 
-    square = SIZE, SIZE
+    square = LOCAL_MEAN, LOCAL_MEAN
     some = grains if kept.all() else grains * kept
     total = cv2.boxFilter(some, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
     counts = kept.view(np.uint8)
