@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64, Mask
-from ..morphology import grown, square
+from ..morphology import box_sum, grown, square
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
@@ -286,12 +286,7 @@ def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
 def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
     """Sum of the valid values (row, column) in the square of side `side` [pixel] around each pixel, (row, column)."""
     values = np.where(valid, values, 0)
-    if side == 1:
-        return values
-    import cv2
-
-    summed = cv2.boxFilter(values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(summed, values.dtype)
+    return values if side == 1 else box_sum(values, side)
 
 
 def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:

@@ -21,6 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
+from ..morphology import eroded
 from ..scene import FloatArray
 from .detrend import detrend
 from .reference import LEAST_OPEN
@@ -88,15 +89,12 @@ def gather(
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
-    import cv2
-
     stack = np.stack([*references, *bands])
     values = detrend(stack, sample, size) if size else stack.astype(np.float64)
     values[:, ~sample] = 0.0
     reach = (KERNEL_REACH, KERNEL_REACH)
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
-    square = np.ones((SIDE, SIDE), np.uint8)
-    inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
+    inner = eroded(sample, SIDE)
     grams, pixels, places = [], [], []
     for top, left in product(*(range(0, n, CELL) for n in sample.shape)):
         cell = slice(top, top + CELL), slice(left, left + CELL)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import CELL, Float64, Mask
-from ..morphology import grown
+from ..morphology import box_sum, grown
 from ..scene import FloatArray
 from .detrend import LOCAL_MEAN
 
@@ -134,12 +134,8 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
     """Sum of the quantised values of pixels `kept` in a square around each pixel, and number of pixels in the sum."""
     import cv2
 
-    square = LOCAL_MEAN, LOCAL_MEAN
     some = grains if kept.all() else grains * kept
-    total = cv2.boxFilter(some, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    counts = kept.view(np.uint8)
-    count = cv2.boxFilter(counts, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(total, np.int32), np.asarray(count, np.int32)
+    return box_sum(some, LOCAL_MEAN, cv2.CV_32S), box_sum(kept.view(np.uint8), LOCAL_MEAN, cv2.CV_32S)
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
