@@ -1,5 +1,7 @@
-"""Squares of pixels: dilation, erosion and opening of masks by a square, and sums over it."""
+"""Squares of pixels: arrays cut into squares, masks dilated, eroded and opened by a square, and sums over it."""
 
+from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,12 @@ import numpy.typing as npt
 def square(side: int) -> npt.NDArray[np.uint8]:
     """A square structuring element: ones, (side, side)."""
     return np.ones((side, side), np.uint8)
+
+
+def squares(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
+    """Yield (row, column) slices of the squares into which an array is cut, smaller at its right and lower edges."""
+    for row, column in product(*(range(0, n, side) for n in shape)):
+        yield slice(row, row + side), slice(column, column + side)
 
 
 def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:

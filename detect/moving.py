@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from deglint.errors import InputError
 from deglint.morphology import box_sum
+from deglint.remove.noise import spread
 
 from .arrays import Float32, Float64, Mask
 
@@ -44,8 +45,7 @@ def _contrast(band: Float32, water: Mask) -> Float32:
     known = water & np.isfinite(band)
     total, count = (box_sum(v.astype(np.float32), _WATER_WINDOW) for v in (np.where(known, band, 0), known))
     away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
-    spread = 1.4826 * float(np.median(np.abs(away[known]))) if known.any() else 1.0
-    return np.asarray(away / (spread or 1.0), np.float32)
+    return np.asarray(away / (spread(away[known]) or 1.0), np.float32)
 
 
 def find_moving(

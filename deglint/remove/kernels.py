@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
-from ..morphology import eroded
+from ..morphology import eroded, squares
 from ..scene import FloatArray
 from .detrend import detrend
 from .reference import LEAST_OPEN
@@ -96,9 +96,8 @@ def gather(
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
     inner = eroded(sample, SIDE)
     grams, pixels, places = [], [], []
-    for top, left in product(*(range(0, n, CELL) for n in sample.shape)):
-        cell = slice(top, top + CELL), slice(left, left + CELL)
-        mask = inner[cell]
+    for cell in squares(sample.shape, CELL):
+        mask, top, left = inner[cell], cell[0].start, cell[1].start
         if mask.sum() < LEAST_OPEN * CELL**2:
             continue
         shifted = sliding_window_view(padded, mask.shape, (1, 2))[:, top : top + SIDE, left : left + SIDE]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import CELL, Float64, Mask
-from ..morphology import box_sum, grown
+from ..morphology import box_sum, grown, squares
 from ..scene import FloatArray
 from .detrend import LOCAL_MEAN
 
@@ -77,12 +77,8 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Yield (row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
-    for row in range(0, sample.shape[0], CELL):
-        for column in range(0, sample.shape[1], CELL):
-            square = slice(row, row + CELL), slice(column, column + CELL)
-            if sample[square].mean() >= LEAST_OPEN:
-                yield square
+    """(row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
+    return (square for square in squares(sample.shape, CELL) if sample[square].mean() >= LEAST_OPEN)
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
