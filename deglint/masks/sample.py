@@ -81,8 +81,7 @@ class _Local(NamedTuple):
 
     def pick(self, chosen: Mask | slice) -> _Local:
         """The statistics of some pixels, (pixel,)."""
-        first, *others = self
-        return _Local(first[chosen], *(a[chosen] for a in others))
+        return _Local._make(values[chosen] for values in self)
 
     @property
     def residual(self) -> Float64:
