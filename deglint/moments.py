@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -65,8 +65,7 @@ class Moments:
         return self.comoment / (self.n - ddof)
 
 
-@dataclass(frozen=True, eq=False)
-class CellMoments:
+class CellMoments(NamedTuple):
     """Moments of the pixels in many square cells: the attributes of `Moments`, with cells along the first axis."""
 
     keys: npt.NDArray[np.int64]  # (cells, 2), row and column of each cell, in cells from the scene's origin
@@ -80,12 +79,12 @@ class CellMoments:
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
         """Moments as one cell, at the origin of the scene."""
-        return cls(np.zeros((1, 2), np.int64), *(np.array([getattr(m, f)], np.float64) for f in _CELL_FIELDS[1:]))
+        return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in vars(m).values()))
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
         """All cells of the parts, not merged: a cell of the scene may occur in several parts."""
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _CELL_FIELDS))
+        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     def by_place(self) -> CellMoments:
         """The same cells in row-major order."""
@@ -124,7 +123,7 @@ class CellMoments:
 
     def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
         """The cells that `chosen` selects: indexes, a slice, or a mask (cell,)."""
-        return CellMoments(*(getattr(self, name)[chosen] for name in _CELL_FIELDS))
+        return CellMoments._make(values[chosen] for values in self)
 
     def total(self) -> Moments:
         """Merge all cells into one; neighbours in the current order first."""
@@ -135,10 +134,7 @@ class CellMoments:
         with np.errstate(over="ignore", invalid="ignore"):
             while len(cells.n) > 1:
                 cells = cells._neighbours_merged()
-        return Moments(int(cells.n[0]), *(getattr(cells, name)[0] for name in _CELL_FIELDS[2:]))
-
-
-_CELL_FIELDS = ("keys", "n", "mean", "comoment", "minimum", "maximum", "rest")
+        return Moments(int(cells.n[0]), *(values[0] for values in cells[2:]))
 
 
 def cell_moments(

@@ -1,4 +1,8 @@
-"""Morphological dilation and opening of masks by a square."""
+"""Squares of pixels: arrays cut into squares, masks dilated, eroded and opened by a square, and sums over it."""
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +13,12 @@ def square(side: int) -> npt.NDArray[np.uint8]:
     return np.ones((side, side), np.uint8)
 
 
+def squares(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
+    """Yield (row, column) slices of the squares into which an array is cut, smaller at its right and lower edges."""
+    for row, column in product(*(range(0, n, side) for n in shape)):
+        yield slice(row, row + side), slice(column, column + side)
+
+
 def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     """The mask (row, column), dilated by a square of `side` x `side` pixels."""
     import cv2
@@ -16,8 +26,26 @@ def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
 
 
+def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
+    """The mask (row, column), eroded by a square of `side` x `side` pixels; outside the image the mask is False."""
+    import cv2
+
+    inner = cv2.erode(mask.view(np.uint8), square(side), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(inner).view(np.bool_)
+
+
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     """The mask (row, column), opened: True in all squares of `side` x `side` pixels that the mask covers completely."""
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)
+
+
+def box_sum(values: npt.NDArray[Any], side: int, depth: int = -1) -> npt.NDArray[Any]:
+    """Sum of values (row, column) over the `side` x `side` pixels around each; values outside the image are 0.
+
+    The result has the type of the values, or that of the OpenCV `depth`. Integers are summed exactly.
+    """
+    import cv2
+
+    return np.asarray(cv2.boxFilter(values, depth, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))

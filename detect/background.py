@@ -7,7 +7,7 @@
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -120,7 +120,7 @@ class Part:
         if len(rows) < len(cells.n):
             merged = [CellMoments.from_moments(cells.where(cells.keys[:, 0] == row).by_place().total()) for row in rows]
             cells = CellMoments.concatenate(merged)
-            cells = replace(cells, keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+            cells = cells._replace(keys=np.stack([rows, np.zeros_like(rows)], axis=1))
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
         return cls(cells, places, values)
 

@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint.errors import InputError
+from deglint.morphology import box_sum
+from deglint.remove.noise import spread
 
 from .arrays import Float32, Float64, Mask
 
@@ -40,17 +42,10 @@ class Mover:
 
 def _contrast(band: Float32, water: Mask) -> Float32:
     """Pixel minus mean of the pixels of `water` around it [robust standard deviation], (row, column); 0 for NaN."""
-    import cv2
-
     known = water & np.isfinite(band)
-    window = (_WATER_WINDOW, _WATER_WINDOW)
-    total, count = (
-        cv2.boxFilter(values.astype(np.float32), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for values in (np.where(known, band, 0), known)
-    )
+    total, count = (box_sum(v.astype(np.float32), _WATER_WINDOW) for v in (np.where(known, band, 0), known))
     away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
-    spread = 1.4826 * float(np.median(np.abs(away[known]))) if known.any() else 1.0
-    return np.asarray(away / (spread or 1.0), np.float32)
+    return np.asarray(away / (spread(away[known]) or 1.0), np.float32)
 
 
 def find_moving(

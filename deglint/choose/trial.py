@@ -12,7 +12,7 @@ from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, St
 from ..errors import FitError
 from ..moments import Float64
 from ..morphology import grown
-from ..remove.detrend import SIZE as LOCAL_MEAN
+from ..remove.detrend import LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.noise import noise, spread
 from .candidates import Candidate, candidates

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64
-from ..morphology import grown
+from ..morphology import box_sum, grown
 from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
 from . import spectra
@@ -201,8 +201,6 @@ class Excess:
 
         Each is (row, column), and is computed at peaks and around them only.
         """
-        import cv2
-
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
         S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
@@ -217,7 +215,7 @@ class Excess:
                 lit &= bright[dark].any(axis=0)
             found, kind.flat[i[lit]] = self.stage.score(e[:, lit])
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
-            return np.asarray(cv2.boxFilter(S, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32)
+            return box_sum(S, 3)
 
         known |= self.saturated()
         weigh(self.peaks())

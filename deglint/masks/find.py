@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64, Mask
-from ..morphology import grown, square
+from ..morphology import box_sum, grown, square, squares
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, filled_squares, land, thinned, valid_for
 
@@ -278,20 +278,13 @@ class _View:
 
 def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
     """Rows and columns of the whole squares of `SQUARE` x `SQUARE` pixels into which the array `mask` is cut."""
-    for row in range(0, mask.shape[0] - SQUARE + 1, SQUARE):
-        for column in range(0, mask.shape[1] - SQUARE + 1, SQUARE):
-            yield slice(row, row + SQUARE), slice(column, column + SQUARE)
+    return (part for part in squares(mask.shape, SQUARE) if mask[part].size == SQUARE**2)
 
 
 def _summed(values: FloatArray, valid: Mask, side: int) -> FloatArray:
     """Sum of the valid values (row, column) in the square of side `side` [pixel] around each pixel, (row, column)."""
     values = np.where(valid, values, 0)
-    if side == 1:
-        return values
-    import cv2
-
-    summed = cv2.boxFilter(values, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(summed, values.dtype)
+    return values if side == 1 else box_sum(values, side)
 
 
 def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:

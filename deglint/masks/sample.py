@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import FitError
 from ..moments import Float64, Mask
-from ..morphology import grown, opened
+from ..morphology import box_sum, grown, opened
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, thinned, valid_for, water
 
@@ -80,8 +81,7 @@ class _Local(NamedTuple):
 
     def pick(self, chosen: Mask | slice) -> _Local:
         """The statistics of some pixels, (pixel,)."""
-        first, *others = self
-        return _Local(first[chosen], *(a[chosen] for a in others))
+        return _Local._make(values[chosen] for values in self)
 
     @property
     def residual(self) -> Float64:
@@ -195,17 +195,12 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
     """Statistics (row, column) of the water (`mask`) in squares of `SIZE` pixels; sums of integers, and thus exact."""
-    import cv2
-
-    def box(values: Float64) -> Float64:
-        sums = cv2.boxFilter(values, -1, (SIZE, SIZE), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        return np.asarray(sums, np.float64)
 
     def grains(values: Float64, k: int) -> Float64:
         counted = np.rint((values - rule.centre[k]) / rule.step[k])
         return np.where(mask, np.clip(counted, -(2**20), 2**20), 0.0)
 
-    roles = rule.water.roles
+    roles, box = rule.water.roles, partial(box_sum, side=SIZE)
     nir = grains(block[roles.nir].astype(np.float64), 0)
     visible = grains(_visible_sum(block, roles, rule.weights), 1)
     count = box(mask.astype(np.float64))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..moments import Mask
-from ..morphology import grown, square
+from ..morphology import eroded, grown
 from ..scene import FloatArray
 
 ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; if there are more, every k-th is used
@@ -134,11 +134,7 @@ def filled_squares(bright: Mask, missing: Mask, window: int) -> Mask:
     """
     if window == 1 or not bright.any():
         return bright & ~missing
-    import cv2
-
-    filled = (bright | missing).view(np.uint8)
-    core = cv2.erode(filled, square(window), borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
-    return grown(core & ~missing, window) & ~missing
+    return grown(eroded(bright | missing, window) & ~missing, window) & ~missing
 
 
 def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from ..checks import check_choice, checked_keywords, described
 from ..errors import InputError
 from ..moments import Mask
+from ..morphology import squares
 from ..scene import Band, FloatArray
 from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_subtraction, wiener
 from .model import BandFit, GlintIndex, GlintModel
@@ -124,8 +124,8 @@ def fit(
         return fit_pointwise(method, nir_request(known, references, **options), [block], [mask])
     request = nir_request(known, references, **{"regression": "detrended", **options})
     water = np.ones_like(mask)
-    rows, columns = ([slice(i, i + SAMPLE_SIDE) for i in range(0, n, SAMPLE_SIDE)] for n in mask.shape)
-    tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in product(rows, columns)]
+    places = squares(mask.shape, SAMPLE_SIDE)
+    tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in places]
     return METHODS[method].fit(request, tiles)
 
 

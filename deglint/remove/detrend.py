@@ -9,11 +9,11 @@ import numpy as np
 from ..moments import Float64, Mask
 from ..scene import FloatArray
 
-SIZE = 15  # default side of the square for the mean [pixel]
+LOCAL_MEAN = 15  # side of the square for local means [pixel]: several waves, and less than a plume
 _VELTKAMP = 2.0**27 + 1  # constant that splits the 53 bits of a float64 into two halves
 
 
-def detrend(block: FloatArray, mask: Mask | None = None, size: int = SIZE) -> Float64:
+def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN) -> Float64:
     """Subtract from every band its mean over the sample pixels in a square around each sample pixel.
 
     .. math:: y_i = x_i - \\frac{\\sum_{j \\in W(i)} m_j x_j}{\\sum_{j \\in W(i)} m_j}

@@ -21,6 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
+from ..morphology import eroded, squares
 from ..scene import FloatArray
 from .detrend import detrend
 from .reference import LEAST_OPEN
@@ -88,19 +89,15 @@ def gather(
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
-    import cv2
-
     stack = np.stack([*references, *bands])
     values = detrend(stack, sample, size) if size else stack.astype(np.float64)
     values[:, ~sample] = 0.0
     reach = (KERNEL_REACH, KERNEL_REACH)
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
-    square = np.ones((SIDE, SIDE), np.uint8)
-    inner = cv2.erode(sample.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0).view(np.bool_)
+    inner = eroded(sample, SIDE)
     grams, pixels, places = [], [], []
-    for top, left in product(*(range(0, n, CELL) for n in sample.shape)):
-        cell = slice(top, top + CELL), slice(left, left + CELL)
-        mask = inner[cell]
+    for cell in squares(sample.shape, CELL):
+        mask, top, left = inner[cell], cell[0].start, cell[1].start
         if mask.sum() < LEAST_OPEN * CELL**2:
             continue
         shifted = sliding_window_view(padded, mask.shape, (1, 2))[:, top : top + SIDE, left : left + SIDE]
@@ -155,6 +152,7 @@ class BandSet(NamedTuple):
 
     references: tuple[int, ...]  # 0-based bands of the scene
     bands: tuple[int, ...]  # places in `FitRequest.correct`
+    supports: tuple[tuple[int, ...], ...]  # to choose from: sides of kernels on each reference, smallest first
 
 
 class KernelFit(NamedTuple):
@@ -170,10 +168,8 @@ class KernelFit(NamedTuple):
     pixels: int  # pixels of the fit
 
 
-def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int, ...]]) -> list[KernelFit]:
+def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     """Fit the kernels of a set of bands; one `KernelFit` for each support that is chosen for some of the bands.
-
-    supports : sides of the kernels on the first, second, ... reference to choose from, smallest first [pixel]
 
     Raises FitError: the first reference does not vary, or numbers are too large.
     """
@@ -181,7 +177,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams, supports: Sequence[tuple[int
     edges = np.arange(count + 1) * len(grams.grams) // count
     groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
     total = np.sum(groups, axis=0)
-    usable = [s for s in supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
+    usable = [s for s in band_set.supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
     if not usable or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "

@@ -206,7 +206,7 @@ def shared_level(
     not below the least prediction. As kernels then make single pixels negative, only local means must be positive.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
-    span, middle = _span(sample, together), float(np.median(together))
+    span, middle = span_of(together, sample.apart), float(np.median(together))
     clear = span < MOSTLY_CLEAR or (resolved and _normal_tail(together))
     sheet = span >= SHEET_SPAN and not clear
     if sample.apart.any():
@@ -272,10 +272,10 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
     return DARKER / (1 - DARKER) * float(np.median(excess, axis=1).min())
 
 
-def _span(sample: LevelSample, together: FloatArray) -> float:
-    """Span (see `MOSTLY_CLEAR`) of `together`, (pixel,): the prediction of all bands together."""
+def span_of(together: FloatArray, apart: Mask | None = None) -> float:
+    """Span (see `MOSTLY_CLEAR`) of the prediction of all bands `together`, (pixel,); `apart`: see `LevelSample`."""
     middle, strong = np.percentile(together, [50.0, 99.0])
-    low = together[sample.apart] if sample.apart.any() else together
+    low = together if apart is None or not apart.any() else together[apart]
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
 
 
@@ -294,7 +294,7 @@ def shared_level_error(
     group = np.arange(pixels) * FOLDS // pixels
     left_out = [shared_level(sample.some(group != g), slopes, visible, resolved=resolved)[1][1] for g in range(FOLDS)]
     error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
-    if _span(sample, slopes @ sample.prediction / slopes.sum()) < SHEET_SPAN:
+    if span_of(slopes @ sample.prediction / slopes.sum(), sample.apart) < SHEET_SPAN:
         return error
     lowest, chosen, _ = shared_level(sample, slopes, visible, resolved=resolved)[1]
     lowest = min(lowest, max(_darkest(sample, slopes, visible), 0.0))

@@ -21,9 +21,9 @@ from ..errors import FitError
 from ..moments import Float64
 from .further import longest_that
 from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
-from .levels import LEAST_GLINT
+from .levels import LEAST_GLINT, span_of
 from .model import BandFit, GlintIndex, GlintModel
-from .predict import bordered, predicted
+from .predict import predictions
 from .reference import ReferenceRule
 from .request import FitRequest
 from .wiener import SampleTile
@@ -36,8 +36,8 @@ TURBID = np.array([(400, 0.3), (490, 0.5), (560, 1.0), (660, 1.0), (710, 0.6), (
 PLUME, PLUME_PERCENTILE = 0.5, 10.0
 """Brightness of a plume relative to the water, and percentile of a band that estimates the water [%]."""
 SKEWED, CLEAR = 0.15, 1.0
-"""If the range of the lower half of the predictions is less than `SKEWED` times the range from their median to their
-99th percentile, some water has no glint, and its share is set to at least `CLEAR` %."""
+"""If the span of the predictions (see `levels.MOSTLY_CLEAR`) is less than `SKEWED`, some water has no glint, and its
+share is set to at least `CLEAR` %."""
 DARK_PERCENTILE = 5.0
 """Percentile of the results over the sample, below which the removal makes no pixel: where a clump of glint fills the
 window in the NIR only, the prediction is too large. Pixels that were darker before keep their values [%]."""
@@ -67,12 +67,11 @@ def fit(
     model = _fitted(request, tiles, nir, longer)
     parts = []
     for tile in tiles:
-        references = {r.band: bordered(tile.block[r.band]) for r in model.references}
-        parts.append(np.stack([predicted(references, model, k)[tile.sample] for k in range(len(model.indexes))]))
+        references = {r.band: tile.block[r.band] for r in model.references}
+        parts.append(np.stack([p[tile.sample] for p in predictions(references, model)]))
     found = np.concatenate(parts, axis=1)
     together = found.sum(axis=0)
-    lowest, middle, strong = np.percentile(together, [LEAST_GLINT / 2, 50, 99])
-    share = max(100 * clear, CLEAR if middle - lowest < SKEWED * (strong - middle) else LEAST_GLINT)
+    share = max(100 * clear, CLEAR if span_of(together) < SKEWED else LEAST_GLINT)
     least = together <= np.percentile(together, share)
     levels = np.median(found[:, least], axis=1).tolist()
     if cut is not None:

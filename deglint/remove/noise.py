@@ -6,7 +6,7 @@ import numpy as np
 
 from ..moments import Mask
 from ..scene import FloatArray
-from .detrend import SIZE, detrend
+from .detrend import detrend
 
 FAINT = 10.0
 """Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
@@ -36,15 +36,15 @@ def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
     return max(spread(darker), 1e-12)
 
 
-def faint_weight(nir: FloatArray, sample: Mask, size: int) -> FloatArray:
+def faint_weight(nir: FloatArray, sample: Mask) -> FloatArray:
     """Weight (row, column) of each pixel in a fit of kernels: variance of noise divided by variance of the residual.
 
     .. math:: 1 / (1 + (h / (k s))^2)
 
-    The residual is noise plus an error proportional to the glint h. h is the NIR minus its mean over a square of `size`
-    pixels (15 if 0), s the standard deviation of noise in the NIR, k is `FAINT`. Outside the sample the weight is 0.
+    The residual is noise plus an error proportional to the glint h. h is the NIR minus its local mean, s the standard
+    deviation of noise in the NIR, k is `FAINT`. Outside the sample the weight is 0.
     """
-    high = detrend(nir[None], sample, size or SIZE)[0]
+    high = detrend(nir[None], sample)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))
     with np.errstate(invalid="ignore"):
         return np.asarray(np.nan_to_num(1 / (1 + (high / (FAINT * sigma)) ** 2)), np.float32)

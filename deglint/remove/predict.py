@@ -4,7 +4,8 @@ The result does not depend on tiles, to the bit. As the filters of OpenCV proces
 other instructions, spare columns are added first and removed afterwards.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -20,56 +21,44 @@ _SLAB = 1 << 16  # pixels corrected at a time, so that intermediate results fit 
 SPARE = 16  # columns that are added: at least as many as OpenCV's filters process at a time
 
 
-def bordered(values: FloatArray) -> FloatArray:
-    """A reference (row, column) with the border that `predicted` needs: mirrored at its edges, with spare columns."""
-    import cv2
+def predictions(
+    references: Mapping[int, FloatArray], model: GlintModel, origin: tuple[int, int] = (0, 0)
+) -> Iterator[FloatArray]:
+    """Yield what a kernel model predicts for each band that it corrects, (row, column) in the unit of the NIR.
 
-    wide = cv2.copyMakeBorder(
-        values, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH + SPARE, cv2.BORDER_REFLECT_101
-    )
-    return np.asarray(wide, values.dtype)
-
-
-def predicted(
-    references: Mapping[int, FloatArray], model: GlintModel, k: int, origin: tuple[int, int] = (0, 0)
-) -> FloatArray:
-    """Prediction of index `k` of a model, (row, column), without the border of the references.
-
-    references : (row, column) by 0-based band, finite, from `bordered`
-    origin : row and column in the scene of the first pixel without the border
+    references : (row, column) by 0-based band, finite; they are mirrored at their edges
+    origin : row and column in the scene of the first pixel
 
     If the model has two kinds of strips, their predictions are blended where they meet.
     """
-    first = _filtered(references, model.indexes[k])
-    if model.strips is None:
-        return first
-    height, width = first.shape
-    share = model.strips.share((origin[0], origin[0] + height), (origin[1], origin[1] + width))
-    if not share.any():
-        return first
-    return first + share.astype(first.dtype) * (_filtered(references, model.second[k]) - first)
-
-
-def _filtered(references: Mapping[int, FloatArray], index: GlintIndex) -> FloatArray:
-    """Weighted sum of the references at the offsets of an index, (row, column) without their border."""
     import cv2
 
-    inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
-    total: FloatArray | None = None
+    sides = KERNEL_REACH, KERNEL_REACH, KERNEL_REACH, KERNEL_REACH + SPARE
+    wide = {r: cv2.copyMakeBorder(values, *sides, cv2.BORDER_REFLECT_101) for r, values in references.items()}
+    for fit in model.fits:
+        found = _filtered(wide, model.indexes[fit.index])
+        if model.strips is not None:
+            spans = ((first, first + length) for first, length in zip(origin, found.shape, strict=True))
+            share = model.strips.share(*spans).astype(found.dtype)
+            if share.any():
+                found += share * (_filtered(wide, model.second[fit.index]) - found)
+        yield found
+
+
+def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
+    """Weighted sum of the references at the offsets of an index, (row, column) without the border of `wide`."""
+    import cv2
+
+    found: list[FloatArray] = []
     for band in dict.fromkeys(index.bands):
         terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
-        wide = references[band]
-        if len(terms) == 1:
-            found: FloatArray = wide[inner] * wide.dtype.type(terms[0][1])
-        else:
-            reach = max(max(abs(row), abs(column)) for (row, column), _ in terms)
-            kernel = np.zeros((2 * reach + 1, 2 * reach + 1), wide.dtype)
-            for (row, column), weight in terms:
-                kernel[row + reach, column + reach] = weight
-            found = np.asarray(cv2.filter2D(wide, -1, kernel, borderType=cv2.BORDER_CONSTANT), wide.dtype)[inner]
-        total = found if total is None else np.add(total, found, out=total)
-    assert total is not None
-    return total
+        reach = max(abs(step) for offset, _ in terms for step in offset)
+        kernel = np.zeros((2 * reach + 1, 2 * reach + 1), wide[band].dtype)
+        for (row, column), weight in terms:
+            kernel[row + reach, column + reach] = weight
+        weighted = cv2.filter2D(wide[band], -1, kernel, borderType=cv2.BORDER_CONSTANT)
+        found.append(np.asarray(weighted, kernel.dtype))
+    return sum(found[1:], found[0])[KERNEL_REACH:-KERNEL_REACH, KERNEL_REACH : -KERNEL_REACH - SPARE]
 
 
 def glint(
@@ -90,29 +79,21 @@ def glint(
     and never negative unless the model is signed. Also returns a mask, (row, column), of water pixels that were
     replaced in a reference, where they exceed their surroundings by more than glint does (see `clean`); None if none.
     """
-    height, width = water.shape
-    top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)  # what the kernels look at stays
-    near = slice(top, height - bottom), slice(left, width - right)
-    rest = tuple(min(side, KERNEL_REACH) for side in crop)
-    inner = slice(rest[0], height - top - bottom - rest[1]), slice(rest[2], width - left - right - rest[3])
+    inner = slice(crop[0], water.shape[0] - crop[1]), slice(crop[2], water.shape[1] - crop[3])
     references, exceeds = {}, None
     for rule in model.references:
-        values, over = clean(block[rule.band], water, rule)
-        references[rule.band] = bordered(values[near])
+        references[rule.band], over = clean(block[rule.band], water, rule)
         if over is not None:
-            over = over[near][inner]
-            exceeds = over if exceeds is None else exceeds | over
+            exceeds = over[inner] if exceeds is None else exceeds | over[inner]
     out = {}
-    for fit in model.fits:
-        index = model.indexes[fit.index]
-        above = predicted(references, model, fit.index, (origin[0] + top, origin[1] + left))[inner]
-        above -= above.dtype.type(index.level)
+    for fit, found in zip(model.fits, predictions(references, model, origin), strict=True):
+        above = found[inner]
+        above -= above.dtype.type(model.indexes[fit.index].level)
         if not model.signed:
             np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)
         if fit.floor is not None:
-            values = block[fit.band, crop[0] : height - crop[1], crop[2] : width - crop[3]]
-            np.minimum(above, np.maximum(values - above.dtype.type(fit.floor), 0), out=above)
+            np.minimum(above, np.maximum(block[fit.band][inner] - above.dtype.type(fit.floor), 0), out=above)
         out[fit.band] = above
     return out, exceeds
 

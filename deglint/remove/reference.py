@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import CELL, Float64, Mask
-from ..morphology import grown
+from ..morphology import box_sum, grown, squares
 from ..scene import FloatArray
+from .detrend import LOCAL_MEAN
 
-SIZE = 15  # side of the square for local means [pixel]: several waves, and less than a plume
 LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
 """A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
@@ -40,7 +40,7 @@ class ReferenceRule:
     @property
     def halo(self) -> int:
         """Number of pixels that `clean` needs around a tile: for three local means, and three edges."""
-        return 3 * (SIZE // 2) + 3 * self.edge
+        return 3 * (LOCAL_MEAN // 2) + 3 * self.edge
 
 
 def fit_reference(
@@ -77,12 +77,8 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """Yield (row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
-    for row in range(0, sample.shape[0], CELL):
-        for column in range(0, sample.shape[1], CELL):
-            square = slice(row, row + CELL), slice(column, column + CELL)
-            if sample[square].mean() >= LEAST_OPEN:
-                yield square
+    """(row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
+    return (square for square in squares(sample.shape, CELL) if sample[square].mean() >= LEAST_OPEN)
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
@@ -134,12 +130,8 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
     """Sum of the quantised values of pixels `kept` in a square around each pixel, and number of pixels in the sum."""
     import cv2
 
-    square = SIZE, SIZE
     some = grains if kept.all() else grains * kept
-    total = cv2.boxFilter(some, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    counts = kept.view(np.uint8)
-    count = cv2.boxFilter(counts, cv2.CV_32S, square, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(total, np.int32), np.asarray(count, np.int32)
+    return box_sum(some, LOCAL_MEAN, cv2.CV_32S), box_sum(kept.view(np.uint8), LOCAL_MEAN, cv2.CV_32S)
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:

@@ -10,7 +10,7 @@ from ..checks import check_choice, check_number
 from ..errors import BandError, FitError, InputError
 from ..moments import Float64
 from ..scene import Band
-from .detrend import SIZE as DETREND_SIZE
+from .detrend import LOCAL_MEAN
 from .model import BandFit, GlintIndex, GlintModel
 from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
 
@@ -49,6 +49,11 @@ class FitRequest:
         """Names of all bands of the scene."""
         return tuple(b.name for b in self.bands)
 
+    @property
+    def nir(self) -> tuple[int, ...]:
+        """0-based NIR band of each band of `correct`: the first band of its index."""
+        return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
+
     def nearest(self, wavelength: float, within: float, method: str) -> int:
         """0-based band nearest to a wavelength; BandError if none lies within the tolerance `within` (both [nm])."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
@@ -63,7 +68,7 @@ class FitRequest:
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
     """Statistics to gather for a regression: moments, and single pixels if it needs them or `keep_index` is True."""
-    size = DETREND_SIZE if request.regression == "detrended" else 0
+    size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index
     return SamplePlan(request.correct, request.indexes, size, keep)

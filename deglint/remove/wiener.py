@@ -28,13 +28,12 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .detrend import SIZE as LOCAL_MEAN
-from .detrend import detrend
+from .detrend import LOCAL_MEAN, detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
-from .predict import bordered, predicted
+from .predict import predictions
 from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
@@ -102,13 +101,10 @@ def fit(
         mirrored = find_kernels(grams[0])
         strips = None if mirrored is None else strips(partial(_kinds, request, rules, mirrored))
     kinds = [grams] if strips is None else _by_strip(grams, strips)
-    fitted = [
-        [k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g, _supports_of(s, request))]
-        for some in kinds
-    ]
+    fitted = [[k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g)] for some in kinds]
     every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
-    weights, drawn = shared_glint(response, covariance, request, sets)
+    weights, drawn = shared_glint(response, covariance, request)
     spread = float(weights @ covariance @ weights)
     sure = not spread > 0 or float(weights @ response) / np.sqrt(spread) > SURE
     model = _model(request, fitted, strips, rules, (weights, drawn, covariance))
@@ -147,7 +143,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
         for t in learnt:
             references, bands = [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands]
             sample = t.sample if outliers else t.teaches
-            weight = faint_weight(references[0], t.sample, size) if request.faint else None
+            weight = faint_weight(references[0], t.sample) if request.faint else None
             parts.append(gather(references, bands, sample, size=size, origin=t.origin, weight=weight))
         if any(len(p.grams) for p in parts):
             break
@@ -156,8 +152,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
     """Split the squares of each set of bands by kind of strip, (kind, set); one kind if either has too few squares."""
-    middle = grams[0].places + CELL // 2
-    second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
+    second = np.array([strips.rows[row][column] == "1" for row, column in grams[0].places // CELL], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
@@ -169,23 +164,21 @@ def band_sets(request: FitRequest) -> list[BandSet]:
     # SWIR near 1610 nm, which does not show turbid water; then a second NIR
     waves = [b.wavelength or 0.0 for b in request.bands]
     preference = [(0, abs(w - 1610)) if w > SHORTEST_SWIR else (1, abs(w - 865)) for w in waves]
-    for place, follows in enumerate(request.follows):
-        first = request.indexes[follows or 0].bands[0]
+    for place, first in enumerate(request.nir):
         others = [i for i, b in enumerate(request.bands) if i != first and i not in request.correct and _serves(b)]
         others.sort(key=lambda i: preference[i])
         own = waves[request.correct[place]] or np.inf
         longer = [i for i in request.more if i != first and waves[i] > own]
         out.setdefault(tuple(dict.fromkeys((first, *others[:1], *longer))), []).append(place)
-    return [BandSet(references, tuple(bands)) for references, bands in out.items()]
+    return [BandSet(references, tuple(bands), _supports(references, waves)) for references, bands in out.items()]
 
 
-def _supports_of(band_set: BandSet, request: FitRequest) -> tuple[tuple[int, ...], ...]:
-    """Supports to try for a set of bands: sides of the kernels on each of its references [pixel]."""
-    count = len(band_set.references)
+def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
+    """Supports to try for bands with these references; `waves`: wavelength of each band of the scene [nm]."""
+    count = len(references)
     if count == 1:
         return kernels.SUPPORTS
-    second = request.bands[band_set.references[1]].wavelength or 0.0
-    plain = kernels.WITH_SWIR if second > SHORTEST_SWIR else kernels.SUPPORTS
+    plain = kernels.WITH_SWIR if waves[references[1]] > SHORTEST_SWIR else kernels.SUPPORTS
     return plain if count == 2 else (*plain, *(sides * count for sides in ((1,), (3,))))
 
 
@@ -313,8 +306,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
-            references = {band: bordered(values) for band, values in tile.references.items()}
-            found = np.stack([predicted(references, model, k, tile.origin) for k in range(len(model.indexes))])
+            found = np.stack(list(predictions(tile.references, model, tile.origin)))
             together = np.tensordot(slopes, found, 1)
             mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
@@ -344,9 +336,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     return replace(model, warnings=(warning,))
 
 
-def shared_glint(
-    response: Float64, covariance: Float64, request: FitRequest, sets: Sequence[BandSet]
-) -> tuple[Float64, Float64]:
+def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> tuple[Float64, Float64]:
     r"""Weights that estimate the strength of glint from the bands, and new responses of the bands; (band,) each.
 
     The response of a band is its glint divided by the glint of its NIR: the sum of its kernel. The strength a of glint
@@ -364,7 +354,7 @@ def shared_glint(
         weights = np.linalg.pinv(covariance + tiny) @ response
         return weights, response
     tried = []
-    for colour in _colours(request, sets):
+    for colour in _colours(request):
         size = float(np.median(response / colour))
         for _ in range(3):  # the prior is relative to the size, which converges at once
             prior = np.diag((COLOUR * size * colour) ** 2)
@@ -377,13 +367,13 @@ def shared_glint(
     return min(tried, key=lambda t: t[0])[1:]
 
 
-def _colours(request: FitRequest, sets: Sequence[BandSet]) -> list[Float64]:
+def _colours(request: FitRequest) -> list[Float64]:
     """Possible spectra of glint over that in the NIR, (band,): all 1; and the sun's if all are within 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))
-    follows = {b: s.references[0] for s in sets for b in s.bands}
-    pairs = [(request.bands[b].wavelength, request.bands[follows[i]].wavelength) for i, b in enumerate(request.correct)]
+    bands, both = request.bands, zip(request.correct, request.nir, strict=True)
+    pairs = [(bands[b].wavelength, bands[nir].wavelength) for b, nir in both]
     if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
         return [grey]
     own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))

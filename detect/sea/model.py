@@ -17,7 +17,7 @@ import numpy as np
 
 from deglint.checks import check_choice
 from deglint.errors import NoWaterError
-from deglint.morphology import grown
+from deglint.morphology import box_sum, grown
 
 from ..arrays import Array, Float32, Float64, Mask
 from ..covariance import whitener
@@ -184,15 +184,15 @@ class _State:
         self.open = (classes == WATER) & valid
         x = (np.asarray(block, np.float32) - model.centre[:, None, None]) / model.spread[:, None, None]
         self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
-        count = {s: np.maximum(_sums(self.sea.astype(np.float32), s), 1) for s in model.scales}
-        self.means = [x if s == 1 else np.stack([_sums(b, s) for b in x]) / count[s] for s in model.scales]
+        count = {s: np.maximum(box_sum(self.sea.astype(np.float32), s), 1) for s in model.scales}
+        self.means = [x if s == 1 else np.stack([box_sum(b, s) for b in x]) / count[s] for s in model.scales]
         # there are no statistics yet: exclude pixels that are as bright as land
         self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
         """Mean of `x` over used pixels of the window, (band, row, column), and their number, (row, column)."""
-        count = _sums(self.used.astype(np.float32), SEA_WINDOW)
-        total = np.stack([_sums(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
+        count = box_sum(self.used.astype(np.float32), SEA_WINDOW)
+        total = np.stack([box_sum(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, variance: Float64) -> list[Array]:
@@ -201,7 +201,7 @@ class _State:
         out = []
         for means, whole in zip(self.means, variance, strict=True):
             d = means - mean
-            share = np.stack([_sums(np.where(self.used, b * b, 0), SEA_WINDOW) for b in d])
+            share = np.stack([box_sum(np.where(self.used, b * b, 0), SEA_WINDOW) for b in d])
             v = (share + _PRIOR * whole[:, None, None]) / (count + _PRIOR)
             out.append(d / np.sqrt(np.maximum(v, _FLOOR * whole[:, None, None])))
         return out
@@ -211,13 +211,6 @@ class _State:
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         self.used = self.water & ~grown(far, 5)
-
-
-def _sums(values: Array, side: int) -> Array:
-    """Sum of values, (row, column), over the `side` x `side` pixels around each; values outside the image are 0."""
-    import cv2
-
-    return np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
 def _distance(z: Array, white: Float64, side: str) -> Float32:
