@@ -151,8 +151,10 @@ class Correction:
         raw, valid = source.read_raw(outer.window)
         wide = source.to_physical(raw, valid)
         place = tile.within(outer)
-        needed = range(len(wide)) if self.chain.runs else self.model.index_bands
-        known = np.asarray(np.isfinite(wide[place][list(needed)]).all(axis=0))
+        known = np.ones(tile.shape, np.bool_)
+        if valid is not None or raw.dtype.kind not in "iu":
+            for band in range(len(wide)) if self.chain.runs else self.model.index_bands:
+                known &= np.isfinite(wide[place][band])
         water = self._water_in(outer, wide)
         own_valid = None if valid is None else valid[place]
         return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])

@@ -49,16 +49,18 @@ def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
     """Weighted sum of the references at the offsets of an index, (row, column) without the border of `wide`."""
     import cv2
 
-    found: list[FloatArray] = []
+    inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
+    total: FloatArray | None = None
     for band in dict.fromkeys(index.bands):
         terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
         reach = max(abs(step) for offset, _ in terms for step in offset)
         kernel = np.zeros((2 * reach + 1, 2 * reach + 1), wide[band].dtype)
         for (row, column), weight in terms:
             kernel[row + reach, column + reach] = weight
-        weighted = cv2.filter2D(wide[band], -1, kernel, borderType=cv2.BORDER_CONSTANT)
-        found.append(np.asarray(weighted, kernel.dtype))
-    return sum(found[1:], found[0])[KERNEL_REACH:-KERNEL_REACH, KERNEL_REACH : -KERNEL_REACH - SPARE]
+        found: Any = cv2.filter2D(wide[band], -1, kernel, borderType=cv2.BORDER_CONSTANT)[inner]
+        total = found if total is None else np.add(total, found, out=total)
+    assert total is not None
+    return total
 
 
 def glint(
@@ -79,15 +81,20 @@ def glint(
     and never negative unless the model is signed. Also returns a mask, (row, column), of water pixels that were
     replaced in a reference, where they exceed their surroundings by more than glint does (see `clean`); None if none.
     """
-    inner = slice(crop[0], water.shape[0] - crop[1]), slice(crop[2], water.shape[1] - crop[3])
+    height, width = water.shape
+    inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
+    # the kernels need less of the halo than the rules of the references
+    top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)
+    rest = [min(side, KERNEL_REACH) for side in crop]
     references, exceeds = {}, None
     for rule in model.references:
-        references[rule.band], over = clean(block[rule.band], water, rule)
+        cleaned, over = clean(block[rule.band], water, rule)
+        references[rule.band] = cleaned[top : height - bottom, left : width - right]
         if over is not None:
             exceeds = over[inner] if exceeds is None else exceeds | over[inner]
     out = {}
-    for fit, found in zip(model.fits, predictions(references, model, origin), strict=True):
-        above = found[inner]
+    for fit, found in zip(model.fits, predictions(references, model, (origin[0] + top, origin[1] + left)), strict=True):
+        above = found[rest[0] : found.shape[0] - rest[1], rest[2] : found.shape[1] - rest[3]]
         above -= above.dtype.type(model.indexes[fit.index].level)
         if not model.signed:
             np.maximum(above, 0, out=above)
