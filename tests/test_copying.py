@@ -106,7 +106,7 @@ def test_a_tile_without_a_valid_pixel_skips_the_chain(write, read, tmp_path, mon
     recipe = Recipe(compensate=stages, method="joyce", sample="1300,0,700,512", mask="none")
     result = remove_glint(source, tmp_path / "out.tif", recipe)
     assert done
-    assert min(done) == 1024  # the cell that holds column 1200
+    assert 512 < min(done) <= 1024  # the cell that holds column 1200, with its halo
     out = read(tmp_path / "out.tif")
     assert np.isnan(out[:, :, :1200]).all()
     assert (out[:, :, 1200:] != raw[:, :, 1200:]).any()
