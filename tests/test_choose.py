@@ -81,6 +81,15 @@ def test_edges_of_the_scene_do_not_speak_against_an_opening():
     np.testing.assert_array_equal(expected_errors(power, power, np.ones((3, 4)), np.ones(3), edges=EDGES), same)
 
 
+def test_a_bright_reef_that_a_removal_keeps_is_not_lost_as_plumes_are():
+    """The coarsest signal is large; the removal takes plumes, and in the second case this signal, too."""
+    fine, gain = np.array([[0.02] * 3, [0.001] * 3]), np.array([[1.0] * 4, [1.0, 1.0, 1.0, 0.6]])
+    kept, taken = (np.column_stack([fine, [0.8, 0.8 * share]]) for share in (1.0, 0.36))
+    errors = [expected_errors(p, p, gain, np.ones(2)) for p in (kept, taken)]
+    assert errors[0][1] < errors[0][0]
+    assert errors[1][1] > 3 * errors[0][1]
+
+
 def test_lost_objects_cost():
     same = np.full((2, 4), 0.01)
     found = expected_errors(same, same, np.ones((2, 4)), np.array([1.0, 0.0]))

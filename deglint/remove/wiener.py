@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
-from ..morphology import grown
+from ..morphology import box_sum, grown
 from ..scene import Band, FloatArray
 from . import kernels
 from .detrend import LOCAL_MEAN, detrend
@@ -48,7 +48,7 @@ SHEET = 0.5
 glint. Clear and moderately turbid water has .05 to .4, including light scattered by the air."""
 UNLIKE = 40.0
 """Ratio of the variance that a band does not share with the NIR to its lower quartile over the sample, above which the
-NIR shows the bottom or sediment: up to 30 (99 % of the pixels) for glint in satellite images, 30 to 300 on a reef."""
+NIR shows the bottom or sediment: more than glint varies over pixels wider than waves, and less than a reef does."""
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
@@ -152,7 +152,8 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
     """Split the squares of each set of bands by kind of strip, (kind, set); one kind if either has too few squares."""
-    second = np.array([strips.rows[row][column] == "1" for row, column in grams[0].places // CELL], np.bool_)
+    middle = grams[0].places + CELL // 2
+    second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
         return [list(grams)]
     return [[g.some(second == kind) for g in grams] for kind in (False, True)]
@@ -215,8 +216,8 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
     """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
 
-    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference. Fits to faint
-    glint have weights instead. Only pixels wider than waves show by `UNLIKE` where the bottom is.
+    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; a fit to faint
+    glint has weights instead. The bottom (see `UNLIKE`) is not searched where waves are resolved: glint varies as much.
     """
     high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
@@ -238,14 +239,11 @@ def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
 
     high : (reference and band, row, column) minus local means, finite `inside`; `references` planes come first
     """
-    import cv2
-
-    mean = partial(cv2.blur, ksize=(LOCAL_MEAN, LOCAL_MEAN), borderType=cv2.BORDER_CONSTANT)
+    total = partial(box_sum, side=LOCAL_MEAN)
     nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
-    share = np.maximum(mean(inside.astype(np.float64)), LOCAL_MEAN**-2)
-    power = np.maximum(mean(nir * nir), np.finfo(np.float64).tiny)
-    left = [(1 + 1e-9) * mean(b * b) - mean(b * nir) ** 2 / power for b in bands]  # 1e-9: not below 0 by rounding
-    return np.stack(left) / share
+    power = np.maximum(total(nir * nir), np.finfo(np.float64).tiny)
+    left = [(1 + 1e-9) * total(b * b) - total(b * nir) ** 2 / power for b in bands]  # 1e-9: not below 0 by rounding
+    return np.stack(left) / np.maximum(total(inside.astype(np.float64)), 1)
 
 
 def _model(
