@@ -1,9 +1,9 @@
-"""The local mean that is taken off before slopes are fitted."""
+"""The local mean, or plane, that is subtracted before slopes are fitted."""
 
 import numpy as np
 import pytest
 
-from deglint.remove.detrend import detrend
+from deglint.remove.detrend import detrend, detrend_plane
 
 
 def oracle(block, mask, size):
@@ -92,3 +92,30 @@ def test_empty_and_single():
     np.testing.assert_array_equal(detrend(np.full((2, 1, 1), 3.0)), 0.0)
     assert detrend(np.zeros((2, 0, 5))).shape == (2, 0, 5)
     np.testing.assert_array_equal(detrend(np.arange(9).reshape(1, 3, 3), size=3)[0, 1], [-0.5, 0, 0.5])
+
+
+def test_plane_leaves_no_gradient_where_the_sample_is_cut_off(rng):
+    down, right = np.indices((40, 50), np.float64)
+    sample = (right < 20 + down / 4) & (rng.random((40, 50)) < 0.8)
+    gradient = (1e6 + 3 * down - 5 * right)[None]
+    assert np.nanmax(np.abs(detrend(gradient, sample))) > 10  # a mean leaves it
+    assert np.nanmax(np.abs(detrend_plane(gradient, sample))) < 0.05  # the ridge leaves a little
+
+
+def test_plane_is_least_squares_and_the_mean_in_full_squares(rng):
+    block, sample = rng.normal(1e6, 2, (2, 30, 41)), np.ones((30, 41), bool)
+    found = detrend_plane(block, sample, 9)
+    np.testing.assert_allclose(found[:, 4:-4, 4:-4], detrend(block, sample, 9)[:, 4:-4, 4:-4], rtol=0, atol=1e-7)
+    down, right = (place.ravel() for place in np.mgrid[-4:5, :5])  # around the pixel at the left edge
+    variables = np.stack([np.ones(45), down, right], axis=1)
+    values = block[:, 8:17, :5].reshape(2, -1)
+    plane = np.linalg.lstsq(variables, values.T, rcond=None)[0]
+    np.testing.assert_allclose(found[:, 12, 0], block[:, 12, 0] - plane[0], rtol=0, atol=1e-3)  # of the ridge
+
+
+def test_plane_of_a_pixel_alone_is_its_value():
+    sample = np.zeros((20, 20), bool)
+    sample[4, 5] = True
+    found = detrend_plane(np.full((1, 20, 20), 7.5), sample, 5)
+    assert found[0, 4, 5] == 0
+    assert np.isnan(found).sum() == 399

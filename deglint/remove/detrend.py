@@ -1,12 +1,16 @@
 """Subtract the local mean of the bands, so that slopes depend on waves and not on the colour of the water.
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
-subtraction of a local mean from every band, the slope is nearly constant over the sea.
+subtraction of a local mean from every band, the slope is nearly constant over the sea. Where a window is cut off by
+land or the edge of a tile, its mean lies to one side, and a local plane is subtracted instead.
 """
+
+from functools import partial
 
 import numpy as np
 
 from ..moments import Float64, Mask
+from ..morphology import box_sum
 from ..scene import FloatArray
 
 LOCAL_MEAN = 15  # side of the square for local means [pixel]: several waves, and less than a plume
@@ -46,6 +50,42 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
             result += rest * count - _box_sum(rest, size)
         result /= count
     out[:, ~sample] = np.nan
+    return out
+
+
+def detrend_plane(block: FloatArray, sample: Mask, size: int = LOCAL_MEAN) -> Float64:
+    """Subtract from every band the plane fitted to its sample pixels in a square around each sample pixel.
+
+    In a full square the plane is the mean. In a square of which the sample fills one side, `detrend` leaves part of the
+    gradient of a band, such as that of a plume, which is then taken for glint.
+
+    block : (band, row, column), any unit, finite in the sample
+    sample : (row, column), the sample
+    size : side of the square, odd [pixel]
+
+    Returns (band, row, column): NaN outside the sample, 0 where a sample pixel has no other sample pixel in its square.
+    """
+    weight = sample.astype(np.float64)
+    total = partial(box_sum, side=size)
+    count = np.maximum(total(weight), 1.0)
+
+    def covariance(first: Float64, second: Float64) -> Float64:
+        return np.asarray(total(first * second) / count - total(first) * total(second) / count**2)
+
+    down, right = (place * weight for place in np.indices(sample.shape, np.float64))
+    across = covariance(down, right)
+    ridge = 1e-3  # [pixel^2]: pixels along a line determine no slope across it
+    along_down, along_right = covariance(down, down) + ridge, covariance(right, right) + ridge
+    determinant = along_down * along_right - across**2
+    from_down, from_right = (place - total(place) / count for place in (down, right))
+    out = np.full(block.shape, np.nan)
+    for band, result in zip(block, out, strict=True):
+        values = np.where(sample, band, 0.0)
+        values -= weight * (values.sum() / max(weight.sum(), 1.0))  # an offset costs no precision
+        with_down, with_right = covariance(values, down), covariance(values, right)
+        rise = (along_right * with_down - across * with_right) * from_down
+        rise += (along_down * with_right - across * with_down) * from_right
+        result[sample] = (values - total(values) / count - rise / determinant)[sample]
     return out
 
 

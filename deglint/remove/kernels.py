@@ -23,7 +23,7 @@ from ..errors import FitError
 from ..moments import CELL, Float64, Mask
 from ..morphology import eroded, squares
 from ..scene import FloatArray
-from .detrend import detrend
+from .detrend import detrend_plane
 from .reference import LEAST_OPEN
 
 SIDE = 5  # side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene
@@ -85,12 +85,12 @@ def gather(
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict
     sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
         counts if the largest kernel around it covers only such pixels
-    size : side of the window around each pixel [pixel]; its mean is first subtracted from the pixel; 0 for no mean
+    size : side of the window around each pixel in which a plane is first subtracted [pixel]; 0 for none
     origin : row and column of the tile in the scene
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
     stack = np.stack([*references, *bands])
-    values = detrend(stack, sample, size) if size else stack.astype(np.float64)
+    values = detrend_plane(stack, sample, size) if size else stack.astype(np.float64)
     values[:, ~sample] = 0.0
     reach = (KERNEL_REACH, KERNEL_REACH)
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))

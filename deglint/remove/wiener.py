@@ -4,10 +4,10 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 R_r is a reference, read at the offsets o: the NIR taken at the time of the band, then SWIR or another NIR if there is
 one, with ships, surf and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by
-least squares over open water, with a local mean subtracted from every band (`deglint.remove.kernels`). They model
+least squares over open water, with a local plane subtracted from every band (`deglint.remove.kernels`). They model
 displacement and blur between the glint of two bands, and average the noise of the reference. The sum of coefficients of
 a kernel (response to uniform glint) is drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or
-none. The levels p_b0 are found together (`levels`). Hedley's method has one pixel, no local mean, the minimum as level.
+none. The levels p_b0 are found together (`levels`). Hedley's method has one pixel, no plane, the minimum as level.
 
 The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
 level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
@@ -28,7 +28,7 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import box_sum, grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .detrend import LOCAL_MEAN, detrend
+from .detrend import LOCAL_MEAN, detrend, detrend_plane
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
@@ -73,7 +73,7 @@ def fit(
 ) -> GlintModel:
     """Fit kernels, responses and level.
 
-    request : with regression "ols" no local mean is subtracted, and responses are not drawn to the expected spectrum
+    request : with regression "ols" no local plane is subtracted, and responses are not drawn to the expected spectrum
     tiles : spread over the scene; 0.3 million pixels are enough
     strips : strips of detectors with opposite band delays, which get separate kernels; or a function that finds them in
         the whole scene. It is called if the sample shows two kinds; its argument is a function that takes a tile and
@@ -216,10 +216,10 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
     """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
 
-    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; a fit to faint
+    Outliers deviate from their local plane by more than glint does elsewhere, in any band or reference; a fit to faint
     glint has weights instead. The bottom (see `UNLIKE`) is not searched where waves are resolved: glint varies as much.
     """
-    high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
+    high = [detrend_plane(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
@@ -237,7 +237,7 @@ def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
 def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
     """Variance of each band in a square that regression on the first reference leaves, (band, row, column).
 
-    high : (reference and band, row, column) minus local means, finite `inside`; `references` planes come first
+    high : (reference and band, row, column) minus local planes, finite `inside`; `references` planes come first
     """
     total = partial(box_sum, side=LOCAL_MEAN)
     nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
