@@ -126,3 +126,11 @@ def test_roles():
     assert roles == {"blue": 1, "green": 3, "red": 5, "nir": 7, "swir": 9}
     named = band_roles(scene_of(Band("a"), Band("Green")))
     assert named == {"blue": None, "green": 1, "red": None, "nir": None, "swir": None}
+
+
+def test_a_product_beside_bands_has_no_role():
+    waves = (490.0, 560.0, 665.0, 842.0, None)
+    bands = [
+        Band(name, wavelength=wave) for name, wave in zip(("B2", "B3", "B4", "B8", "depth Green"), waves, strict=True)
+    ]
+    assert band_roles(scene_of(*bands))["green"] == 1

@@ -135,6 +135,30 @@ def test_a_lost_offset_is_found_and_leaves_the_output_in_its_own_numbers(sea, wr
     np.testing.assert_array_equal(outs[1], outs[0] + 1000)
 
 
+def test_a_class_band_hides_no_offset_and_is_copied(sea, write, read, deglint, tmp_path):
+    scene = lost_offset(sea)
+    classes = np.full_like(scene[:1], 6)
+    source = write(tmp_path / "in.tif", np.concatenate([scene, classes]), names=[*S2, "SCL"])
+    alone = write(tmp_path / "alone.tif", scene, names=S2)
+    assert settled(open_scene(source)).source.info.offsets == (-1000.0,) * 4 + (0.0,)
+    outs = []
+    for path in (source, alone):
+        ran = deglint("remove", path, tmp_path / "out.tif", "--overwrite")
+        assert ran.code == 0, ran.err
+        outs.append(read(tmp_path / "out.tif"))
+    np.testing.assert_array_equal(outs[0][4], classes[0])
+    np.testing.assert_array_equal(outs[0][:4], outs[1])
+    assert (outs[1] != scene)[:3].any()
+
+
+def test_an_offset_is_suspected_where_visible_bands_are_darker(sea, write, tmp_path):
+    scene = lost_offset(sea)
+    scene[0, :40] -= 600  # a blue below zero, after a correction of too much air light
+    found = undeclared(open_scene(write(tmp_path / "in.tif", scene, names=S2)))
+    assert not found.offsets
+    assert [note for note in found.notes if "may hold the offset" in note and "--offset -1000" in note]
+
+
 @pytest.mark.parametrize("how", ["names", "declared", "desert"])
 def test_no_offset_is_made_up(how, sea, write, tmp_path):
     scene = lost_offset(sea)

@@ -109,6 +109,22 @@ def test_without_land_all_is_water(spectrum, glint, sheet):
         assert rule.water_fraction > 0.9995
 
 
+def test_dark_land_of_unknown_colour_is_not_joined_to_the_water():
+    dry, wet, green = (0.065, 0.052, 0.057, 0.04), (0.065, 0.055, 0.05, 0.04), (0.04, 0.05, 0.04, 0.15)
+    rng = np.random.default_rng(6)
+    which = rng.choice(3, SHAPE, p=[0.45, 0.1, 0.45])  # a fine mosaic: redder than white, like water, and plants
+    land = (
+        np.array([dry, wet, green])[which].transpose(2, 0, 1)
+        * np.exp(rng.normal(0, 0.25, SHAPE))
+        * np.exp(rng.normal(0, 0.02, (4, *SHAPE)))
+    )
+    truth = COLUMNS > 172
+    scene = np.where(truth, water_of((0.094, 0.086, 0.063, 0.013), 1, 0.002), land).astype(np.float32)
+    found = water(scene, fit_water([scene], ROLES, pixel=30.0))
+    assert found[truth].mean() > 0.98
+    assert found[~truth].mean() < 0.02
+
+
 @pytest.mark.parametrize(
     "kinds", [(FOREST,), (SOIL,), (TOWN,), (FOREST, TOWN), (FOREST, SOIL, TOWN), (CRUST,), (CLOUD,)]
 )

@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from deglint import remove
-from deglint.remove import GlintModel, SampleTile, nir_request, wiener
+from deglint.remove import GlintModel, SampleTile, further, nir_request, wiener
 from deglint.remove.further import more_references
 from deglint.remove.levels import LevelSample, apart_from_sparkle, shared_level
 from deglint.scene import Band
@@ -36,6 +36,13 @@ def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_se
     request, tiles = parts(sparkle_over_bottom()[0])
     assert more_references(request, tiles) == (2,)
     request, tiles = parts(sparkle_over_bottom(bottom=6.0)[0])
+    assert more_references(request, tiles) == ()
+
+
+def test_a_reference_with_which_nothing_is_significant_does_not_serve(monkeypatch):
+    request, tiles = parts(sparkle_over_bottom()[0])
+    model = wiener.fit(request, tiles)
+    monkeypatch.setattr(further, "fit", lambda asked, _: replace(model, fits=()) if asked.more else model)
     assert more_references(request, tiles) == ()
 
 

@@ -51,7 +51,7 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     """
     rng = np.random.default_rng((SEED, seed))
     known = [b.wavelength for b in bands]
-    wavelengths = np.array([w for w in known if w]) if all(known) else np.full(len(bands), 480.0)
+    wavelengths = np.array([w or 480.0 for w in known])
     seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
     through = np.exp(-DEPTH * seen).astype(np.float32) * level
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level

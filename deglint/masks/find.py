@@ -111,17 +111,29 @@ def fit_water(
     if view.pixels:
         coarse = not reflectance and pixel is not None and pixel >= COARSE_PIXEL
         white = view.white if coarse else PLAIN_WHITE
-        found = _fit(view, white, pixel, brown=False) or _fit(view, white, pixel, brown=True) or found
+        for brown, strict in ((False, False), (True, False), (False, True)):
+            if fitted := _fit(view, white, pixel, brown=brown, strict=strict):
+                found = fitted
+                break
     return replace(found, pixels=view.pixels, whole=whole)
 
 
-def _fit(view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool) -> WaterRule | None:
-    """The rule for blue or `brown` water; None without water. `light`: `_View.white`; `pixel`: side [m], or None."""
+def _fit(
+    view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool, strict: bool
+) -> WaterRule | None:
+    """The rule for blue or `brown` water; None without water.
+
+    light : `_View.white`
+    pixel : side [m], or None
+    strict : pixels of unknown colour vote against water, so that dark land of this colour is not joined to the water
+    """
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     most = 0.0
     for window in [w for w in WINDOWS if w <= widest]:
         votes = view.votes(window, light, brown=brown)
-        rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None)
+        if strict:
+            votes = [np.where(v > 0, v, np.int8(-1)) for v in votes]
+        rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None, strict=strict)
         if rule is None:
             return None
         if window == widest:
@@ -297,11 +309,12 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
     return np.asarray(cv2.dilate(np.where(valid, low, band.dtype.type(-np.inf)), square(window)), band.dtype)
 
 
-def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> WaterRule | None:
+def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict: bool) -> WaterRule | None:
     """The rule for squares of side `window` [pixel]; None if there is no water.
 
     The NIR threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If
-    there is only water, the threshold is the upper end of the NIR of water, or, if `sparkle`, of glint.
+    there is only water, the threshold is the upper end of the NIR of water, or, if `sparkle`, of glint. If `strict`, it
+    is not moved up to a valley of the histogram, below which there may be dark land.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -311,7 +324,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool) -> Wate
     last = nir.size - 1 - int(np.argmax(won[::-1]))
     if won[last] <= 0:
         return None
-    last = _at_valley(nir, last) if window == 1 else last
+    last = _at_valley(nir, last) if window == 1 and not strict else last
     few = last // DARKEST + 1
     darkest = float(np.median(contrast[:few]))
     sheet = float(np.median(nir[:few])) + MAX_SHEET * abs(darkest)

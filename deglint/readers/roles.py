@@ -190,4 +190,6 @@ def _by_role(scene: Scene, role: str) -> int | None:
 
 
 def _wavelengths(scene: Scene) -> list[float | None]:
-    return [b.wavelength if b.wavelength is not None else nominal_wavelength(b.name) for b in scene.bands]
+    """Wavelengths of the bands; by their names if none is known. A product beside known bands keeps None."""
+    known = [b.wavelength for b in scene.bands]
+    return known if any(known) else [nominal_wavelength(b.name) for b in scene.bands]

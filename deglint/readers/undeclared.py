@@ -170,12 +170,13 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the file has more than two integer bands, all named as in Sentinel-2, and no declared offset."""
+    """Whether the integer file has more than two spectral bands, all named as in Sentinel-2, and no declared offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
-    named = all(sensors.normalise(name) in known for name in scene.names)
+    spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
+    named = len(spectral) > 2 and set(spectral) <= known
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
     silent = not info.offset_given and not any(info.offsets)
-    return silent and info.dtype.kind in "iu" and len(scene.bands) > 2 and named and scaled
+    return silent and info.dtype.kind in "iu" and named and scaled
 
 
 def _four(scene: Scene) -> bool:
@@ -200,16 +201,19 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Add the offset of Sentinel-2 to the findings if the file values in `blocks` include it."""
+    """Add the offset of Sentinel-2 to the findings if the file values in `blocks` include it; a note if they may."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
-    dark = [f for f, b in zip(floors, scene.bands, strict=True) if b.wavelength and b.wavelength > VISIBLE]
-    if not (S2_FLOOR[0] <= min(floors) <= S2_FLOOR[1] and dark and max(dark) <= S2_DARK):
+    waves = [b.wavelength or 0.0 for b in scene.bands]
+    least = min(f for f, w in zip(floors, waves, strict=True) if w)
+    dark = [f for f, w in zip(floors, waves, strict=True) if w > VISIBLE]
+    if not (dark and S2_FLOOR[0] <= max(dark) <= S2_DARK and least <= S2_FLOOR[1]):
         return found
-    note = (
-        f"no band is darker than {min(floors):.0f}: the numbers hold the offset of Sentinel-2 products since 2022 "
-        f"(reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION}); if they do not, pass --offset 0"
-    )
-    offsets = tuple(-S2_OFFSET * scale for scale in info.scales)
+    offset = f"the offset of Sentinel-2 products since 2022 (reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION})"
+    if least < S2_FLOOR[0]:
+        what = f"the darkest infrared is {max(dark):.0f}: the numbers may hold {offset}; if they do, pass --offset"
+        return replace(found, notes=(*found.notes, f"{what} {-S2_OFFSET}"))
+    note = f"no band is darker than {least:.0f}: the numbers hold {offset}; if they do not, pass --offset 0"
+    offsets = tuple(-S2_OFFSET * scale if w else 0.0 for scale, w in zip(info.scales, waves, strict=True))
     return replace(found, offsets=offsets, notes=(*found.notes, note))
 
 

@@ -164,8 +164,8 @@ def nir_request(
 
     use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
         band best; "set", the NIR band that is taken at the same time (`Band.group`)
-    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if
-        wavelengths are not known
+    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if no
+        wavelengths are known. A band without wavelength beside others with one may be a mask or a class: it is copied
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
     Raises InputError: a selection that is not possible, or an option out of range.
@@ -173,7 +173,8 @@ def nir_request(
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
     limit = max([w for b in nir if (w := bands[b].wavelength)], default=math.inf)
-    shorter = [i for i, b in enumerate(bands) if (b.wavelength or 0) < limit]
+    known = any(b.wavelength for i, b in enumerate(bands) if i not in nir)
+    shorter = [i for i, b in enumerate(bands) if (b.wavelength or (math.inf if known else 0)) < limit]
     chosen = tuple(b for b in (shorter if correct is None else correct) if b not in nir)
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]

@@ -111,8 +111,9 @@ def fit(
     left = np.concatenate([k.loss for k in every])
     noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
     if not sure or noise > 1 - kernels.WORTH:
-        why = f"the NIR takes {1 - noise:.1%} off the noise of the bands: they share no glint. Nothing was corrected."
-        return replace(model, fits=(), references=(), warnings=(why,))
+        why = ": they share no glint" if sure else ", which is not significant"
+        said = f"the NIR takes {max(1 - noise, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
+        return replace(model, fits=(), references=(), warnings=(said,))
     return _with_level(model, learnt, request)
 
 
