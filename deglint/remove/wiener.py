@@ -28,7 +28,7 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import box_sum, grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .detrend import LOCAL_MEAN, detrend, detrend_plane
+from .detrend import LOCAL_MEAN, detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
@@ -217,10 +217,10 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
     """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
 
-    Outliers deviate from their local plane by more than glint does elsewhere, in any band or reference; a fit to faint
+    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; a fit to faint
     glint has weights instead. The bottom (see `UNLIKE`) is not searched where waves are resolved: glint varies as much.
     """
-    high = [detrend_plane(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
+    high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
@@ -238,7 +238,7 @@ def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
 def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
     """Variance of each band in a square that regression on the first reference leaves, (band, row, column).
 
-    high : (reference and band, row, column) minus local planes, finite `inside`; `references` planes come first
+    high : (reference and band, row, column) minus local means, finite `inside`; `references` planes come first
     """
     total = partial(box_sum, side=LOCAL_MEAN)
     nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
