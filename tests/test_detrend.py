@@ -113,6 +113,12 @@ def test_plane_is_least_squares_and_the_mean_in_full_squares(rng):
     np.testing.assert_allclose(found[:, 12, 0], block[:, 12, 0] - plane[0], rtol=0, atol=1e-3)  # of the ridge
 
 
+def test_plane_of_float32_is_that_of_float64(rng):
+    block = (1e4 + rng.normal(0, 2, (1, 30, 41))).astype(np.float32)
+    sample = rng.random((30, 41)) < 0.7
+    np.testing.assert_array_equal(detrend_plane(block, sample), detrend_plane(block.astype(np.float64), sample))
+
+
 def test_plane_of_a_pixel_alone_is_its_value():
     sample = np.zeros((20, 20), bool)
     sample[4, 5] = True
