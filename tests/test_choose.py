@@ -41,6 +41,11 @@ def test_signals_differ_from_tile_to_tile_and_are_the_same_every_time():
     assert not np.array_equal(signals(1).total, signals(2).total)
 
 
+def test_a_class_band_changes_no_signal_of_the_others():
+    beside = implants((128, 128), (*BANDS, Band("classes")), np.append(LEVEL, np.float32(6)), 8.0, 0)
+    np.testing.assert_array_equal(beside.colours[:, :4], signals().colours)
+
+
 def test_textures_have_the_power_they_were_given_at_their_scale():
     one = signals()
     for k, name in enumerate(n for n in one.names if n.startswith("texture")):

@@ -119,7 +119,7 @@ def test_plane_of_float32_is_that_of_float64(rng):
     np.testing.assert_array_equal(detrend_plane(block, sample), detrend_plane(block.astype(np.float64), sample))
 
 
-def test_plane_of_a_pixel_alone_is_its_value():
+def test_of_a_pixel_alone_its_plane_leaves_nothing():
     sample = np.zeros((20, 20), bool)
     sample[4, 5] = True
     found = detrend_plane(np.full((1, 20, 20), 7.5), sample, 5)

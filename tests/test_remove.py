@@ -275,6 +275,13 @@ def test_several_nir_bands():
         remove.nir_request([Band("BLUE", 480), bands[2]], [1], use="set")
 
 
+def test_a_band_without_wavelength_is_corrected_only_if_none_is_known():
+    classes = [Band("BLUE", 480.0), Band("RED", 660.0), Band("NIR", 840.0), Band("classes")]
+    assert remove.nir_request(classes, [2]).correct == (0, 1)
+    assert remove.nir_request(classes, [2], correct=[0, 3]).correct == (0, 3)
+    assert remove.nir_request([Band("a"), Band("b"), Band("NIR", 840.0)], [2]).correct == (0, 1)
+
+
 @given(st.sampled_from(sorted(METHODS)))
 @settings(deadline=None)
 def test_models_survive_json(name):

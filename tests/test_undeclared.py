@@ -157,6 +157,8 @@ def test_an_offset_is_suspected_where_visible_bands_are_darker(sea, write, tmp_p
     found = undeclared(open_scene(write(tmp_path / "in.tif", scene, names=S2)))
     assert not found.offsets
     assert [note for note in found.notes if "may hold the offset" in note and "--offset -1000" in note]
+    scene[3, :40] -= 600
+    assert not undeclared(open_scene(write(tmp_path / "dark.tif", scene, names=S2))).notes
 
 
 @pytest.mark.parametrize("how", ["names", "declared", "desert"])

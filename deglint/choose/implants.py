@@ -50,12 +50,12 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     seed : a different number for each tile
     """
     rng = np.random.default_rng((SEED, seed))
-    known = [b.wavelength for b in bands]
-    wavelengths = np.array([w or 480.0 for w in known])
+    wavelengths = np.array([b.wavelength or 480.0 for b in bands])  # else as blue, which sees all signals
     seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
     through = np.exp(-DEPTH * seen).astype(np.float32) * level
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
-    white = np.full(len(bands), WHITE_DISC * float(level.max()), np.float32)
+    spectral = [bool(b.wavelength) for b in bands]  # a class or a product has no brightness
+    white = np.full(len(bands), WHITE_DISC * float(level[spectral if any(spectral) else ...].max()), np.float32)
     patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in pairwise(SCALES)}
     patterns["discs"] = _discs(shape, width, rng), through
     patterns["plumes"] = _plume(shape, rng), turbid

@@ -111,10 +111,9 @@ def fit_water(
     if view.pixels:
         coarse = not reflectance and pixel is not None and pixel >= COARSE_PIXEL
         white = view.white if coarse else PLAIN_WHITE
-        for brown, strict in ((False, False), (True, False), (False, True)):
-            if fitted := _fit(view, white, pixel, brown=brown, strict=strict):
-                found = fitted
-                break
+        ways = (False, False), (True, False), (False, True)
+        tried = (_fit(view, white, pixel, brown=brown, strict=strict) for brown, strict in ways)
+        found = next(filter(None, tried), found)
     return replace(found, pixels=view.pixels, whole=whole)
 
 

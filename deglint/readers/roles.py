@@ -181,15 +181,16 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 
 def _by_role(scene: Scene, role: str) -> int | None:
-    """0-based index of the band with a role: nearest to the preferred wavelength, in the first range with a band."""
-    known = [(i, w) for i, w in enumerate(_wavelengths(scene)) if w is not None]
-    for (low, high), centre in _ROLES.get(role, ()):
-        if inside := [(abs(w - centre), i) for i, w in known if low <= w <= high]:
-            return min(inside)[1]
+    """0-based index of the band with a role: nearest to the preferred wavelength, in the first range with a band.
+
+    Names are asked last: "depth Green" beside a green band is a product.
+    """
+    for waves in ([b.wavelength for b in scene.bands], _wavelengths(scene)):
+        for (low, high), centre in _ROLES.get(role, ()):
+            if inside := [(abs(w - centre), i) for i, w in enumerate(waves) if w is not None and low <= w <= high]:
+                return min(inside)[1]
     return None
 
 
 def _wavelengths(scene: Scene) -> list[float | None]:
-    """Wavelengths of the bands; by their names if none is known. A product beside known bands keeps None."""
-    known = [b.wavelength for b in scene.bands]
-    return known if any(known) else [nominal_wavelength(b.name) for b in scene.bands]
+    return [b.wavelength if b.wavelength is not None else nominal_wavelength(b.name) for b in scene.bands]

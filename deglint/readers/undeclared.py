@@ -35,9 +35,11 @@ A band may be 0 in many pixels of dark water, where other bands are not."""
 SOLID = 8  # inside the image, nodata fills squares of this side [pixel]; saturated sparkle does not
 S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 """Sentinel-2 products since baseline 04.00 (2022-01-25): reflectance = (file value - 1000) / 10000."""
-S2_FLOOR, S2_DARK = (950, 1150), 1300
+S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
 """If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
-minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there."""
+minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
+the range, after an atmospheric correction that subtracts too much, leave it open; below the third value
+(a reflectance of -.05) in a NIR or SWIR band, the offset is excluded."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
@@ -206,12 +208,15 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)
     dark = [f for f, w in zip(floors, waves, strict=True) if w > VISIBLE]
-    if not (dark and S2_FLOOR[0] <= max(dark) <= S2_DARK and least <= S2_FLOOR[1]):
+    if not dark or max(dark) > S2_DARK or min(dark) < S2_LEAST or least > S2_FLOOR[1]:
         return found
     offset = f"the offset of Sentinel-2 products since 2022 (reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION})"
     if least < S2_FLOOR[0]:
-        what = f"the darkest infrared is {max(dark):.0f}: the numbers may hold {offset}; if they do, pass --offset"
-        return replace(found, notes=(*found.notes, f"{what} {-S2_OFFSET}"))
+        note = (
+            f"no infrared band is darker than {min(dark):.0f}: the numbers may hold {offset}; "
+            f"if they do, pass --offset {-S2_OFFSET}"
+        )
+        return replace(found, notes=(*found.notes, note))
     note = f"no band is darker than {least:.0f}: the numbers hold {offset}; if they do not, pass --offset 0"
     offsets = tuple(-S2_OFFSET * scale if w else 0.0 for scale, w in zip(info.scales, waves, strict=True))
     return replace(found, offsets=offsets, notes=(*found.notes, note))

@@ -173,8 +173,8 @@ def nir_request(
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
     limit = max([w for b in nir if (w := bands[b].wavelength)], default=math.inf)
-    known = any(b.wavelength for i, b in enumerate(bands) if i not in nir)
-    shorter = [i for i, b in enumerate(bands) if (b.wavelength or (math.inf if known else 0)) < limit]
+    unknown = math.inf if any(b.wavelength for i, b in enumerate(bands) if i not in nir) else 0.0
+    shorter = [i for i, b in enumerate(bands) if (b.wavelength or unknown) < limit]
     chosen = tuple(b for b in (shorter if correct is None else correct) if b not in nir)
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]

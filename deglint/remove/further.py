@@ -51,11 +51,13 @@ def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tu
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
     request = replace(request, level_error=False)
     plain, longer = fit(request, tiles), fit(replace(request, more=more), tiles)
-    shorter = [f.band for f in longer.fits if f.band not in more and plain.fits]
+    if not plain.fits or not longer.fits:
+        return np.inf
+    shorter = [f.band for f in longer.fits if f.band not in more]
     changes: list[list[FloatArray]] = [[] for _ in shorter]
     for tile in tiles:
         inside = tile.sample & np.isfinite(tile.block).all(axis=0)
-        if not inside.any() or not shorter:
+        if not inside.any():
             continue
         before, _ = glint(tile.block, plain, tile.water, tile.origin)
         after, _ = glint(tile.block, longer, tile.water, tile.origin)
