@@ -230,9 +230,9 @@ def test_standard_errors_against_draws():
 
 
 def level_sample(prediction, value):
-    """Pixels without neighbours, any of which may determine the level."""
+    """Pixels like all around them, any of which may determine the level; slopes are 1."""
     together = prediction.mean(axis=0)
-    return LevelSample(prediction, value, together, together, prediction[:0], np.ones(prediction.shape[1], bool))
+    return LevelSample(prediction, value, together, together, prediction - value, np.ones(prediction.shape[1], bool))
 
 
 def test_the_error_of_the_level_against_a_bootstrap_over_tiles():

@@ -49,8 +49,7 @@ def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tu
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
-    request = replace(request, level_error=False)
-    plain, longer = fit(request, tiles), fit(replace(request, more=more), tiles)
+    plain, longer = (fit(replace(request, more=m, level_error=False), tiles) for m in (request.more, more))
     if not plain.fits or not longer.fits:
         return np.inf
     shorter = [f.band for f in longer.fits if f.band not in more]

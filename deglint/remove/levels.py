@@ -46,10 +46,7 @@ does not show how much of the minimum is water and how much is an even sheet of 
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
-NEGATIVE, NEGATIVE_OF_ALL = 0.1, 0.7
-"""Share of the pixels that may be zero or negative in a band after removal [%]: `NEGATIVE` in the half of the sample
-with less glint, as under strong glint errors of the kernels make pixels negative; `NEGATIVE_OF_ALL` in the whole sample
-if the level is below the least glint: 1 %, less a margin for pixels outside the sample."""
+NEGATIVE = 0.1  # share of pixels with little glint (of a sheet: of local means) that may be negative after removal [%]
 SUBTRACTED = 0.05  # share of negative pixels from which 0 is no limit of a band: water itself is below it
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
@@ -179,7 +176,7 @@ class LevelSample:
     value: FloatArray  # (band, pixel) [unit of the band]
     mean: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
     binomial: FloatArray  # (pixel,): the same after a binomial filter of this size
-    local: FloatArray  # (band, pixel): local mean of prediction - value / slope; empty: single pixels are used instead
+    local: FloatArray  # (band, pixel): local mean of prediction - value / slope
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
     def some(self, which: Any) -> LevelSample:
@@ -197,13 +194,13 @@ def shared_level(
     resolved : True if pixels are smaller than waves
 
     The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
-    least prediction over the sample, raised so that (almost) no pixel becomes negative. But where every pixel may have
-    glint, because it contains several waves, the level may be lower. It is then estimated from b / s - p, with b the
-    value of a band, s its slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the
-    values of the water, and contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at
-    most `DARKER` / (1 - `DARKER`) times the excess. The level is also not so low that the least glint would exceed
-    `LEAST_OF_MEDIAN` times the median glint. Where waves are resolved, some face away from the sun: the level is then
-    not below the least prediction. As kernels then make single pixels negative, only local means must be positive.
+    least prediction over the sample, raised so that (almost) no pixel with little glint becomes negative. But where
+    every pixel contains several waves, and so may have glint, the level may be lower. Noise then makes pixels negative,
+    and only local means must be positive. The level is estimated from b / s - p, with b the value of a band, s its
+    slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the values of the water, and
+    contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at most
+    `DARKER` / (1 - `DARKER`) times the excess. Nor may the least glint exceed `LEAST_OF_MEDIAN` times the median glint.
+    Where waves are resolved, some face away from the sun: the level is then not below the least prediction.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -218,26 +215,33 @@ def shared_level(
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     unit = _units(np.median(prediction, axis=1) - level, slopes)
-    excess = sample.local if sheet and len(sample.local) else prediction - value / slopes[:, None]
-
-    def positive(where: Mask, negative: float) -> float:
-        """Lowest level, up to the median, that makes at most `negative` % more of the pixels `where` negative."""
-        short = [
-            (_highest(over[inside], negative + 100 * below) - at) / u
-            for over, v, at, u in zip(excess, value, level, unit, strict=True)
-            if (below := float((v[where] < 0).mean())) < SUBTRACTED and (inside := (v > 0) & where).any()
-        ]  # fmt: skip
-        return min(raised + max(short, default=0.0), middle)
-
-    lowest = positive(together <= middle, NEGATIVE)
+    excess = sample.local if sheet else prediction - value / slopes[:, None]
+    calm = together <= middle
+    short = [
+        (_highest(over[inside], NEGATIVE + 100 * below) - at) / u
+        for over, v, at, u in zip(excess, value, level, unit, strict=True)
+        if (below := float((v[calm] < 0).mean())) < SUBTRACTED and (inside := (v > 0) & calm).any()
+    ]
+    lowest = min(raised + max(short, default=0.0), middle)
     chosen = max(raised, lowest)
-    if sheet and not len(sample.local):
+    if sheet and not resolved:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
         chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
-        if chosen < raised:
-            lowest = max(lowest, min(positive(np.ones_like(together, np.bool_), NEGATIVE_OF_ALL), raised))
-            chosen = max(chosen, lowest)
-    return np.asarray(level + (chosen - raised) * unit, np.float64), (max(float(lowest), 0.0), float(chosen), middle)
+    interval = float(min(max(lowest, 0.0), chosen)), float(chosen), middle
+    return np.asarray(level + (chosen - raised) * unit, np.float64), interval
+
+
+def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float | None]:
+    """Value of each band below which the removal makes no pixel, (band,); None where there is none.
+
+    It is the least positive value after removal in the half of the sample with less glint, as errors of the kernels
+    grow with glint and would make pixels darker. A band is not limited if 0 is no limit of its water.
+    """
+    calm = (together := slopes @ sample.prediction) <= np.median(together)
+    left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)
+    limited = (sample.value[:, calm] < 0).mean(axis=1) < SUBTRACTED
+    known = [b[calm & (b > 0) & within] for b, within in zip(left, limited, strict=True)]
+    return [float(k.min()) if len(k) else None for k in known]
 
 
 def _highest(values: FloatArray, share: float) -> float:

@@ -96,11 +96,12 @@ def glint(
     for fit, found in zip(model.fits, predictions(references, model, (origin[0] + top, origin[1] + left)), strict=True):
         above = found[rest[0] : found.shape[0] - rest[1], rest[2] : found.shape[1] - rest[3]]
         above -= above.dtype.type(model.indexes[fit.index].level)
-        if not model.signed:
-            np.maximum(above, 0, out=above)
         above *= above.dtype.type(fit.slope)
         if fit.floor is not None:
-            np.minimum(above, np.maximum(block[fit.band][inner] - above.dtype.type(fit.floor), 0), out=above)
+            room = block[fit.band][inner] - above.dtype.type(fit.floor)
+            np.minimum(above, np.maximum(room, 0, out=room) if model.signed else room, out=above)
+        if not model.signed:
+            np.maximum(above, 0, out=above)
         out[fit.band] = above
     return out, exceeds
 

@@ -30,7 +30,7 @@ from ..scene import Band, FloatArray
 from . import kernels
 from .detrend import LOCAL_MEAN, detrend
 from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
-from .levels import AVERAGED, LevelSample, apart_from_sparkle, shared_level, shared_level_error
+from .levels import AVERAGED, LevelSample, apart_from_sparkle, floors, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import predictions
@@ -301,7 +301,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     """The model with the levels that `shared_level` determines from the sample, and a warning if they are uncertain."""
     import cv2
 
-    slopes, averaged = np.array([f.slope for f in model.fits]), request.faint and request.resolved
+    slopes = np.array([f.slope for f in model.fits])
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -310,8 +310,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
             bands = np.stack(tile.bands)
-            excess = found - bands / slopes[:, None, None] if averaged else found[:0]
-            local = excess - detrend(excess, tile.sample) if averaged else excess
+            excess = found - bands / slopes[:, None, None]
+            side = LOCAL_MEAN if request.resolved else kernels.SIDE  # errors of the kernels extend over resolved waves
+            local = excess - detrend(excess, tile.sample, side)
             planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
@@ -323,7 +324,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
     clean = float(np.median(sample.value[green] - slopes[green] * above))
-    model = replace(model, indexes=indexes, second=second, level_interval=interval, level_stderr=error)
+    least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # posterior means balance errors
+    fits = tuple(replace(f, floor=at) for f, at in zip(model.fits, least, strict=True))
+    model = replace(model, indexes=indexes, fits=fits, second=second, level_interval=interval, level_stderr=error)
     lowest, chosen, middle = interval
     if chosen <= max(SHEET * clean, 0):
         return model
