@@ -279,6 +279,16 @@ def test_the_level_under_a_sheet_is_bounded_by_the_darkest_water(red, highest):
     assert chosen < highest
 
 
+def test_noise_of_pixels_does_not_raise_the_level_of_a_sheet():
+    rng = np.random.default_rng(17)
+    swell = gaussian_filter(rng.normal(size=(256, 256)), 1.5)
+    block = np.array([900.0, 700.0, 25.0, 20.0])[:, None, None] + 400 + 100 * swell / swell.std()
+    block[2] += rng.normal(0, 25, swell.shape)  # as large as the water
+    model = fitted(block.astype(np.float32))
+    assert model.level_interval[1] == pytest.approx(20, abs=10)
+    assert (remove.apply(block.astype(np.float32), model)[2] > 0).all()
+
+
 def test_a_level_raised_for_positivity_is_the_same_for_a_reference_of_any_unit():
     rng = np.random.default_rng(16)
     glint = np.concatenate([np.zeros(40_000), rng.gamma(1.0, 50.0, 160_000)])

@@ -212,11 +212,8 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
         return found
     offset = f"the offset of Sentinel-2 products since 2022 (reflectance = (DN - {S2_OFFSET}) / {S2_QUANTIFICATION})"
     if least < S2_FLOOR[0]:
-        note = (
-            f"no infrared band is darker than {min(dark):.0f}: the numbers may hold {offset}; "
-            f"if they do, pass --offset {-S2_OFFSET}"
-        )
-        return replace(found, notes=(*found.notes, note))
+        note = f"no infrared band is darker than {min(dark):.0f}: the numbers may hold {offset}; if so, pass --offset"
+        return replace(found, notes=(*found.notes, f"{note} {-S2_OFFSET}"))
     note = f"no band is darker than {least:.0f}: the numbers hold {offset}; if they do not, pass --offset 0"
     offsets = tuple(-S2_OFFSET * scale if w else 0.0 for scale, w in zip(info.scales, waves, strict=True))
     return replace(found, offsets=offsets, notes=(*found.notes, note))

@@ -302,6 +302,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])
+    side = LOCAL_MEAN if request.resolved else kernels.SIDE  # errors of the kernels extend over resolved waves
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -310,9 +311,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
             bands = np.stack(tile.bands)
-            excess = found - bands / slopes[:, None, None]
-            side = LOCAL_MEAN if request.resolved else kernels.SIDE  # errors of the kernels extend over resolved waves
-            local = excess - detrend(excess, tile.sample, side)
+            weight = np.maximum(box_sum(tile.sample.astype(np.float64), side), 1.0)
+            excess = np.where(tile.sample, found - bands / slopes[:, None, None], 0.0)
+            local = np.stack([box_sum(e, side) for e in excess]) / weight
             planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
     sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
