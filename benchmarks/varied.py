@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deglint import Recipe, open_scene
-from deglint.errors import DeglintError
+from deglint.errors import DeglintError, InputError
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.simulate import FloatingTarget, Setup, simulate, whitecaps
@@ -102,9 +102,12 @@ def kept(known: Known, image: Array, afloat: npt.NDArray[np.bool_]) -> float:
     return float((left * true).sum() / (true * true).sum())
 
 
-def row(number: int, folder: Path) -> tuple[float, list[str]]:
-    """Ratio of a scene, and its row of the table."""
-    setup = drawn(number)
+def row(number: int, folder: Path) -> tuple[float, list[str]] | None:
+    """Ratio of a scene, and its row of the table; None if a boat lies outside of the scene."""
+    try:
+        setup = drawn(number)
+    except InputError:
+        return None
     write_scene(simulate(setup), folder / "scene", overwrite=True)
     known = Known.of(folder / "scene.tif")
     raw = values(known.path)
@@ -132,7 +135,7 @@ def main(quick: bool) -> None:
     """Measure and print."""
     print("## Scenes drawn at random\n\n" + machine())
     with tempfile.TemporaryDirectory() as folder:
-        found = [row(n, Path(folder)) for n in range(FEW if quick else COUNT)]
+        found = [r for n in range(FEW if quick else COUNT) if (r := row(n, Path(folder)))]
     ratios = np.array([ratio for ratio, _ in found])
     head = ("", "scene", "recipe", "raw", "Hedley", "Joyce", "default", "ratio", "floating kept")
     note = (f"Error of the visible bands [% of the water]; ratio to the best of raw, Hedley and Joyce. Above "
