@@ -12,7 +12,9 @@ from scipy.ndimage import correlate, gaussian_filter
 
 from deglint import Recipe, correct, fit_scene, open_scene, remove, remove_glint
 from deglint.errors import FitError, InputError
+from deglint.physics.presets import preset
 from deglint.pipeline import correct as correcting
+from deglint.raster.simulated import write_scene
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.kernels import offsets
 from deglint.remove.levels import LevelSample, shared_level, shared_level_error
@@ -20,6 +22,7 @@ from deglint.remove.predict import glint
 from deglint.remove.reference import ReferenceRule, clean, fit_reference
 from deglint.remove.strips import Strips, filled
 from deglint.scene import Band
+from deglint.simulate import Setup, simulate
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 BANDS = (Band("BLUE", 480.0), Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
@@ -229,10 +232,10 @@ def test_standard_errors_against_draws():
     assert 0.4 < np.mean(errors) / np.std(levels, ddof=1) < 2.5
 
 
-def level_sample(prediction, value):
-    """Pixels like all around them, any of which may determine the level; slopes are 1."""
-    together = prediction.mean(axis=0)
-    return LevelSample(prediction, value, together, together, prediction - value, np.ones(prediction.shape[1], bool))
+def level_sample(prediction, value, slopes=1.0):
+    """Pixels like all around them, any of which may determine the level."""
+    together, everywhere = prediction.mean(axis=0), np.ones(prediction.shape[1], bool)
+    return LevelSample(prediction, value, together, together, prediction - value / slopes, everywhere)
 
 
 def test_the_error_of_the_level_against_a_bootstrap_over_tiles():
@@ -289,6 +292,16 @@ def test_noise_of_pixels_does_not_raise_the_level_of_a_sheet():
     assert (remove.apply(block.astype(np.float32), model)[2] > 0).all()
 
 
+def test_waves_that_move_between_bands_do_not_raise_the_level_of_dense_glint(tmp_path):
+    sensor = replace(preset("worldview3"), gsd=0.4)
+    made = simulate(Setup(sensor=sensor, size=(128, 128), wind=8.0, sun_zenith=23.0, seed=1))
+    water = [float(np.median(made.truth_image[b])) * sensor.scale(sensor.bands[b]) for b in (-2, -1)]
+    path, *_ = write_scene(made, tmp_path / "scene")
+    lowest, chosen, middle = fit_scene(open_scene(path), Recipe(method="wiener", compensate="off")).model.level_interval
+    assert lowest <= min(water)
+    assert chosen < 1.2 * max(water) < 0.2 * middle
+
+
 def test_a_level_raised_for_positivity_is_the_same_for_a_reference_of_any_unit():
     rng = np.random.default_rng(16)
     glint = np.concatenate([np.zeros(40_000), rng.gamma(1.0, 50.0, 160_000)])
@@ -297,7 +310,7 @@ def test_a_level_raised_for_positivity_is_the_same_for_a_reference_of_any_unit()
     levels = []
     for unit in (1.0, 0.25):  # of the second reference
         scaled = np.array([[1.0], [unit]])
-        own, (lowest, chosen, _) = shared_level(level_sample(prediction * scaled, value), 1 / scaled[:, 0])
+        own, (lowest, chosen, _) = shared_level(level_sample(prediction * scaled, value, 1 / scaled), 1 / scaled[:, 0])
         assert chosen == lowest, "raised"
         levels.append(own / scaled[:, 0])
     assert levels[0] == pytest.approx(levels[1], rel=0.02)

@@ -46,7 +46,7 @@ does not show how much of the minimum is water and how much is an even sheet of 
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
-NEGATIVE = 0.1  # share of pixels with little glint (of a sheet: of local means) that may be negative after removal [%]
+NEGATIVE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
 SUBTRACTED = 0.05  # share of negative pixels from which 0 is no limit of a band: water itself is below it
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
@@ -194,13 +194,13 @@ def shared_level(
     resolved : True if pixels are smaller than waves
 
     The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
-    least prediction over the sample, raised so that (almost) no pixel with little glint becomes negative. But where
-    every pixel contains several waves, and so may have glint, the level may be lower. Noise then makes pixels negative,
-    and only local means must be positive. The level is estimated from b / s - p, with b the value of a band, s its
-    slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the values of the water, and
-    contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at most
-    `DARKER` / (1 - `DARKER`) times the excess. Nor may the least glint exceed `LEAST_OF_MEDIAN` times the median glint.
-    Where waves are resolved, some face away from the sun: the level is then not below the least prediction.
+    least prediction over the sample, raised so that almost no pixel with little glint becomes negative. If glint is
+    dense (span from `SPARSE` on), only local means must be positive, as errors make pixels negative. Where every pixel
+    contains several waves, and so may have glint, the level may be lower. It is estimated from b / s - p, with b the
+    value of a band, s its slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the
+    values of the water, and contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at
+    most `DARKER` / (1 - `DARKER`) times the excess. Nor may the least glint exceed `LEAST_OF_MEDIAN` times the median
+    glint. Where waves are resolved, some face away from the sun: the level is then not below the least prediction.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -215,7 +215,7 @@ def shared_level(
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     unit = _units(np.median(prediction, axis=1) - level, slopes)
-    excess = sample.local if sheet else prediction - value / slopes[:, None]
+    excess = sample.local if span >= SPARSE and not clear else prediction - value / slopes[:, None]
     calm = together <= middle
     short = [
         (_highest(over[inside], NEGATIVE + 100 * below) - at) / u
