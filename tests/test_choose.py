@@ -25,7 +25,7 @@ INSIDE = np.ones((128, 128), np.bool_)
 
 
 def signals(seed=0):
-    return implants((128, 128), BANDS, LEVEL, 8.0, seed)
+    return implants(INSIDE, BANDS, LEVEL, 8.0, seed)
 
 
 def test_what_is_scaled_has_that_gain():
@@ -41,8 +41,19 @@ def test_signals_differ_from_tile_to_tile_and_are_the_same_every_time():
     assert not np.array_equal(signals(1).total, signals(2).total)
 
 
+def test_bright_and_dark_discs_lie_in_the_evaluated_part_of_a_tile():
+    for seed in range(4):
+        for place in (np.s_[:128, :128], np.s_[32:, :128], np.s_[32:, 32:]):  # the halo of tiles at the border
+            inside = np.zeros((160, 160), np.bool_)
+            inside[place] = True
+            one = implants(inside, BANDS, LEVEL, 16.0, seed)
+            discs = one.patterns[one.names.index("discs")][inside]
+            assert (discs > 0).any(), (place, seed)
+            assert (discs < 0).any(), (place, seed)
+
+
 def test_a_class_band_changes_no_signal_of_the_others():
-    beside = implants((128, 128), (*BANDS, Band("classes")), np.append(LEVEL, np.float32(6)), 8.0, 0)
+    beside = implants(INSIDE, (*BANDS, Band("classes")), np.append(LEVEL, np.float32(6)), 8.0, 0)
     np.testing.assert_array_equal(beside.colours[:, :4], signals().colours)
 
 

@@ -41,15 +41,15 @@ class Implants:
         return np.einsum("sb,sij->bij", self.colours, self.patterns, dtype=np.float32)
 
 
-def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, width: float, seed: int) -> Implants:
+def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Implants:
     """Make the signals for a tile.
 
-    shape : rows and columns
+    inside : (row, column), True where pixels are evaluated
     level : (band,) brightness of the water [unit of the band]
     width : width of the smallest object to keep [pixel]
     seed : a different number for each tile
     """
-    rng = np.random.default_rng((SEED, seed))
+    rng, shape = np.random.default_rng((SEED, seed)), inside.shape
     wavelengths = np.array([b.wavelength or 480.0 for b in bands])  # else as blue, which sees all signals
     seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
     through = np.exp(-DEPTH * seen).astype(np.float32) * level
@@ -57,7 +57,7 @@ def implants(shape: tuple[int, int], bands: Sequence[Band], level: Float32, widt
     spectral = [bool(b.wavelength) for b in bands]  # a class or a product has no brightness
     white = np.full(len(bands), WHITE_DISC * float(level[spectral if any(spectral) else ...].max()), np.float32)
     patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in pairwise(SCALES)}
-    patterns["discs"] = _discs(shape, width, rng), through
+    patterns["discs"] = _discs(inside, width, rng), through
     patterns["plumes"] = _plume(shape, rng), turbid
     patterns["targets of 2 pixels"] = _targets(shape, rng), white
     return Implants(tuple(patterns), *map(np.stack, zip(*patterns.values(), strict=True)))
@@ -99,18 +99,19 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
     return np.asarray(band * np.float32(TEXTURE_CONTRAST / band.std()), np.float32)
 
 
-def _discs(shape: tuple[int, int], width: float, rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): discs of a width [pixel], bright and dark in turn.
+def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
+    """Contrast (row, column): discs of a width [pixel], bright and dark in turn, over the True pixels of `inside`.
 
-    The centres of the discs are about six widths, and at least 16 pixels, apart.
+    The centres of the discs are about four widths, and at least 16 pixels, apart.
     """
     import cv2
 
-    out, pitch = np.zeros(shape, np.float32), max(round(6 * width), 16)
-    places = [(r, c) for r in range(pitch // 2, shape[0], pitch) for c in range(pitch // 2, shape[1], pitch)]
-    for n, (row, column) in enumerate(places):
-        centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
-        cv2.circle(out, centre, max(round((width - 1) / 2), 0), BRIGHT if n % 2 else DARK_DISC, -1)
+    out, pitch, first = np.zeros(inside.shape, np.float32), max(round(4 * width), 16), rng.integers(2)
+    top, left = (int(np.argmax(inside.any(axis=a))) + pitch // 2 for a in (1, 0))
+    for i, row in enumerate(range(top, len(inside), pitch)):
+        for j, column in enumerate(range(left, inside.shape[1], pitch)):
+            centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
+            cv2.circle(out, centre, max(round((width - 1) / 2), 0), (BRIGHT, DARK_DISC)[(i + j + first) % 2], -1)
     return out
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, State, clump_width, fit_chain
+from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain
 from ..errors import FitError
 from ..moments import Float64
 from ..morphology import grown
@@ -102,7 +102,7 @@ class Choice:
         if trial is not None:
             out.append(
                 f"chosen on sample tiles: {self.best.name}; implanted signals: {trial.kept} "
-                f"(discs of {self.width:.3g} pixels); expected error {trial.error:.1%} of the water"
+                f"(discs of {max(self.width, 1):.3g} pixels); expected error {trial.error:.1%} of the water"
             )
         out += [f"  {t.candidate.name}: expected error {t.error:.1%}; {t.kept}" for t in self.trials]
         return out + [f"  {name}: not tried, {why}" for name, why in (self.failed or {}).items()]
@@ -156,7 +156,7 @@ def choose(
         return Choice(wiener, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
-    added = [implants(s.image.shape[1:], setting.bands, level, disc, n) for n, s in enumerate(sample.states)]
+    added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     images = [s.image + a.total for s, a in zip(sample.states, added, strict=True)]
     marked = replace(
         sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
@@ -227,7 +227,7 @@ class _Run:
 
     images: list[Float32]  # (band, row, column) of each tile, without signals
     responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
-    targets: list[Mask]  # (row, column) of each tile: targets that the candidate recognised; [] for "copy"
+    targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
 def _run(
@@ -252,7 +252,7 @@ def _run(
         raise FitError("what removal leaves varies no more than the calm water")
     others = fit_chain(chain, marked, setting, removal(candidate.method)).images
     responses = [b - a for a, b in zip(fitted.images, others, strict=True)]
-    return _Run(fitted.images, responses, [_targets(s) for s in fitted.sample.states])
+    return _Run(fitted.images, responses, [s.targets for s in fitted.sample.states])
 
 
 def _too_small(sample: Sample) -> bool:
@@ -275,11 +275,6 @@ def without_ships(sample: Sample) -> Sample:
     return replace(sample, inside=tuple(inside))
 
 
-def _targets(state: State) -> Mask:
-    """Mask (row, column) of the targets that the stages of a candidate recognised in a tile."""
-    return np.zeros_like(state.water) if state.targets is None else np.asarray((state.targets > 0).any(axis=0))
-
-
 def without_shore(sample: Sample) -> Sample:
     """The sample without pixels near land: they are mixed with land, which looks like glint and cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
@@ -290,8 +285,9 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
     """Sample mask (row, column) of each tile, False near targets found by candidates: erasing them is not rewarded."""
     inside = list(sample.inside)
     for run in runs:
-        for n, mask in enumerate(run.targets):
-            inside[n] = inside[n] & ~grown(mask, 2 * NOT_JUDGED + 1)
+        for n, found in enumerate(run.targets):
+            if found is not None:
+                inside[n] = inside[n] & ~grown(np.any(found > 0, axis=0), 2 * NOT_JUDGED + 1)
     return tuple(inside)
 
 
