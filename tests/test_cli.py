@@ -181,7 +181,10 @@ def test_a_fault_of_its_own_is_one_line_too(deglint, monkeypatch, tmp_path):
     monkeypatch.setattr("deglint.pipeline.remove_glint", broken)
     ran = deglint("remove", "in.tif", tmp_path / "out.tif")
     assert ran.code == 1
-    assert ran.err == "Error: ZeroDivisionError: first second (a fault of deglint's own; -vv shows where)\n"
+    assert (
+        ran.err
+        == "Error: ZeroDivisionError: first second (a fault of deglint's own; add -vv at the end to see where)\n"
+    )
 
 
 def test_running_in_a_thread_is_allowed(sea, write, tmp_path):

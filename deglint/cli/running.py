@@ -108,7 +108,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
         return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
     if isinstance(error, OSError) and error.strerror:
         return 1, f"Error: {error.strerror}" + (f": {error.filename}" if error.filename else "") + "."
-    return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; -vv shows where)"
+    return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; add -vv at the end to see where)"
 
 
 @contextlib.contextmanager

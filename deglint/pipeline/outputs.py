@@ -180,8 +180,8 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
 
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
     """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
-    bands = ", ".join(f.name for f in model.fits) or "none"
-    log.info("method: %s; bands to correct: %s", model.method, bands)
+    bands = ", ".join(f.name for f in model.fits)
+    log.info("method: %s%s", model.method, f"; bands to correct: {bands}" if bands else "")
     why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
     for warning in model.warnings:
         log.warning("%s", warning)

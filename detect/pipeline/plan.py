@@ -15,7 +15,7 @@ from deglint.masks import Roles, WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, roles_of
 from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
-from deglint.readers.grid import ground_area
+from deglint.readers.grid import ground_area, pixel_size
 from deglint.readers.roles import band_roles, explain_nir, find_band, find_nir
 from deglint.readers.text import read_json, read_text
 from deglint.scene import Scene
@@ -40,7 +40,7 @@ _OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background
 """For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # blocks are read until there are this many, with as many pixels of water as half of them have
-UNKNOWN_PIXEL = 10.0  # assumed side of a pixel where the scene has no CRS [m]
+UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +88,8 @@ class Plan:
 
     @cached_property
     def pixel_area(self) -> float | None:
-        """Area of a pixel [m2]; None where the scene has no CRS."""
-        return ground_area(self.scene.transform, self.scene.crs, self.scene.height, self.scene.width)
+        """Area of a pixel [m2]; None where it is not known."""
+        return _pixel_area(self.scene)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,13 +132,18 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
-        side = math.sqrt(ground_area(scene.transform, scene.crs, *size) or UNKNOWN_PIXEL**2)
+        side = math.sqrt(_pixel_area(scene) or UNKNOWN_PIXEL**2)
         own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
     at_once = tiling.affordable(threads, shape, 2 * len(bands))
     return Plan(scene, recipe, bands, nir, tiling.tiles(*size, shape), shape, at_once, mask, sea_mask, area, given,
                 tuple(notes), **own)  # fmt: skip
+
+
+def _pixel_area(scene: Scene) -> float | None:
+    """Area of a pixel [m2]: from georeferencing, the tag GSD_M, or the sensor; None if unknown."""
+    return ground_area(scene.transform, scene.crs, scene.height, scene.width) or (pixel_size(scene) or 0) ** 2 or None
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:

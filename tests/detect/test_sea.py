@@ -203,6 +203,12 @@ def test_a_rate_per_area_is_not_called_a_requested_rate_per_pixel(rxdetect, scen
     assert "(peaks): Pfa observed" in ran.err, ran.err
 
 
+def test_pixels_without_coordinates_have_the_size_in_the_tag(rxdetect, write, tmp_path):
+    path = write(tmp_path / "a.tif", port()[0], crs=None, describe=lambda d: d.update_tags(GSD_M="8"), transform=None)
+    ran = rxdetect("score", path, tmp_path / "out.tif", "--method", "sea", "--false-per-km2", "1")
+    assert "pixels 8 m" in ran.err, ran.err
+
+
 def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
     images = []
     for tile in (512, 64):
