@@ -146,8 +146,15 @@ def test_what_the_nir_does_not_show_is_signal_of_the_scene():
 def test_light_above_the_level_of_an_opening_is_left_glint():
     sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
     results = [[level * sea] for level in (3.0, 1.04, 1.0, 0.5)]
-    found = level_excess(results, [INSIDE], unit, [True, True, True, False])
+    found = level_excess(results, [INSIDE], unit, [True, True, True, False], delayed=False)
     assert found == pytest.approx([1.95, 0.0, 0.0, 0.0])
+
+
+def test_sparkle_on_few_pixels_is_left_glint_where_bands_are_delayed():
+    sea, sparkling = np.ones((4, 128, 128), np.float32), np.ones((4, 128, 128), np.float32)
+    sparkling[:, ::8] = 3.0
+    found = [level_excess([[sparkling], [sea]], [INSIDE], LEVEL / LEVEL, [False, True], d) for d in (False, True)]
+    np.testing.assert_allclose(found, [[0, 0], [0.2, 0]], atol=1e-6)
 
 
 def test_windows_fit_the_smallest_object_and_the_clumps():

@@ -111,7 +111,7 @@ def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
     for i, row in enumerate(range(top, len(inside), pitch)):
         for j, column in enumerate(range(left, inside.shape[1], pitch)):
             centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
-            cv2.circle(out, centre, max(round((width - 1) / 2), 0), (BRIGHT, DARK_DISC)[(i + j + first) % 2], -1)
+            cv2.circle(out, centre, max(round((width - 1) / 2), 0), (DARK_DISC, BRIGHT)[(i + j + first) % 2], -1)
     return out
 
 

@@ -20,8 +20,8 @@ each scale, and the loss of objects of a typical contrast that cover a hundredth
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
-that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the median after a removal
-exceeds the lowest median after an opening, the excess is counted as an offset that glint left (`level_excess`): an
+that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the level after a removal
+exceeds the lowest level after an opening, the excess is counted as an offset that glint left (`level_excess`): an
 opening finds the water between the glint, while a removal takes its level from the pixels with the least glint.
 """
 
@@ -128,20 +128,20 @@ def _shares(mask: Mask) -> list[Float32]:
 
 
 def level_excess(
-    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool]
+    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool], delayed: bool
 ) -> Float64:
     """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
 
     The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
-    over the bands, minus `SIGNAL`.
+    over the bands, minus `SIGNAL`. With delayed bands, means are compared, as a removal leaves sparkle on few pixels.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as for `powers`
     opened : whether a recipe has an opening; at least one has
     """
-    judged = np.flatnonzero(np.isfinite(unit))
+    judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
     levels = np.array(
-        [[np.median(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
+        [[average(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
          for images in results]
     )  # fmt: skip
     least = np.maximum(levels[np.array(opened)], 0).min(axis=0)

@@ -205,7 +205,7 @@ def _judged(
     )
     opened = [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
-        excess = level_excess([r.images for r in runs.values()], inside, unit, opened)
+        excess = level_excess([r.images for r in runs.values()], inside, unit, opened, setting.delayed)
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
         errors = np.where(removals, np.hypot(errors, excess), errors)
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
