@@ -100,18 +100,18 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
 
 def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): discs of a width [pixel], bright and dark in turn, over the True pixels of `inside`.
+    """Contrast (row, column): discs of a width [pixel], half bright and half dark, over the True pixels of `inside`.
 
     The centres of the discs are about four widths, and at least 16 pixels, apart.
     """
     import cv2
 
-    out, pitch, first = np.zeros(inside.shape, np.float32), max(round(4 * width), 16), rng.integers(2)
+    out, pitch = np.zeros(inside.shape, np.float32), max(round(4 * width), 16)
     top, left = (int(np.argmax(inside.any(axis=a))) + pitch // 2 for a in (1, 0))
-    for i, row in enumerate(range(top, len(inside), pitch)):
-        for j, column in enumerate(range(left, inside.shape[1], pitch)):
-            centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
-            cv2.circle(out, centre, max(round((width - 1) / 2), 0), (DARK_DISC, BRIGHT)[(i + j + first) % 2], -1)
+    places = [(r, c) for r in range(top, len(inside), pitch) for c in range(left, inside.shape[1], pitch)]
+    for (row, column), n in zip(places, rng.permutation(len(places)), strict=True):
+        centre = int(column + rng.integers(-2, 3)), int(row + rng.integers(-2, 3))
+        cv2.circle(out, centre, max(round((width - 1) / 2), 0), BRIGHT if n % 2 else DARK_DISC, -1)
     return out
 
 
