@@ -151,9 +151,10 @@ def test_light_above_the_level_of_an_opening_is_left_glint():
 
 
 def test_sparkle_on_few_pixels_is_left_glint_where_bands_are_delayed():
-    sea, sparkling = np.ones((4, 128, 128), np.float32), np.ones((4, 128, 128), np.float32)
+    sea, unit = np.ones((4, 128, 128), np.float32), np.ones(4, np.float32)
+    sparkling = sea.copy()
     sparkling[:, ::8] = 3.0
-    found = [level_excess([[sparkling], [sea]], [INSIDE], LEVEL / LEVEL, [False, True], d) for d in (False, True)]
+    found = [level_excess([[sparkling], [sea]], [INSIDE], unit, [False, True], delayed) for delayed in (False, True)]
     np.testing.assert_allclose(found, [[0, 0], [0.2, 0]], atol=1e-6)
 
 

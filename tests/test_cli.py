@@ -181,10 +181,9 @@ def test_a_fault_of_its_own_is_one_line_too(deglint, monkeypatch, tmp_path):
     monkeypatch.setattr("deglint.pipeline.remove_glint", broken)
     ran = deglint("remove", "in.tif", tmp_path / "out.tif")
     assert ran.code == 1
-    assert (
-        ran.err
-        == "Error: ZeroDivisionError: first second (a fault of deglint's own; add -vv at the end to see where)\n"
-    )
+    assert ran.err.startswith("Error: ZeroDivisionError: first second (")
+    assert "-vv" in ran.err
+    assert ran.err.count("\n") == 1
 
 
 def test_running_in_a_thread_is_allowed(sea, write, tmp_path):
