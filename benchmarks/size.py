@@ -17,7 +17,7 @@ MODULE, FUNCTION, PARAMETERS = 400, 60, 7
 TOTAL = 30_000
 """Most lines of deglint and detect together."""
 GOALS: dict[str, tuple[tuple[str, ...], int]] = {
-    "foundations": (("deglint/errors", "deglint/scene", "deglint/moments", "deglint/tiles"), 900),
+    "foundations": (("deglint/errors", "deglint/scene", "deglint/moments", "deglint/tiles", "deglint/cluster"), 900),
     "physics": (("deglint/physics",), 3700),
     "sensors": (("deglint/sensors",), 450),
     "raster, readers": (("deglint/raster", "deglint/readers"), 4500),
@@ -27,7 +27,7 @@ GOALS: dict[str, tuple[tuple[str, ...], int]] = {
     "choose": (("deglint/choose",), 900),
     "pipeline, batch": (("deglint/pipeline", "deglint/batch"), 2200),
     "plan, simulate": (("deglint/plan", "deglint/simulate"), 3800),
-    "xr, report, cli": (("deglint/xr", "deglint/report", "deglint/cli"), 1700),
+    "xr, report, info, cli": (("deglint/xr", "deglint/report", "deglint/info", "deglint/cli"), 1700),
     "detect": (("detect",), 5500),
     "detect/bench": (("detect/bench",), 800),
     "benchmarks (not in the wheel)": (("benchmarks",), 4000),

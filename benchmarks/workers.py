@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from deglint import Recipe, remove_glint
-from deglint.pipeline.cluster import connect
+from deglint.cluster import connect
 
 from .scale import mosaic
 from .timing import machine, table

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .errors import DeglintError
-    from .pipeline.fit import Fitted, examine, fit_scene
+    from .info import examine
+    from .pipeline.fit import Fitted, fit_scene
     from .pipeline.outputs import Result
     from .pipeline.recipe import Recipe
     from .pipeline.run import correct, remove_glint
@@ -42,7 +43,7 @@ _HOMES = {
     "Scene": "scene",
     "apply": "remove",
     "correct": "pipeline.run",
-    "examine": "pipeline.fit",
+    "examine": "info",
     "find_nir": "readers.roles",
     "fit": "remove",
     "fit_scene": "pipeline.fit",

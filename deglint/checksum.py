@@ -13,8 +13,7 @@ from .raster.targets import files_behind
 
 _CHUNK = 4 << 20  # bytes read at a time: so many that the thread rarely has to compete for Python's interpreter lock
 _VIEWER_FILES = (".aux.xml", ".ovr")
-"""Endings of files that viewers write beside a raster; they may change during a run, as GDAL reads them only when it
-opens the raster."""
+"""Endings of files that viewers write beside a raster. They may change during a run: GDAL has read them by then."""
 Stamp = tuple[int, int, int, int]  # size [byte], modification time [ns], inode and change time [ns] of a file
 
 

@@ -50,7 +50,7 @@ sphinx_gallery_conf = {
 warnings.filterwarnings("ignore", message="Scales differ across bands")  # rioxarray; deglint.xr reads them all
 
 PUBLIC = (
-    "deglint", "deglint.xr", "deglint.simulate", "deglint.plan", "deglint.plotting", "deglint.pipeline.cluster",
+    "deglint", "deglint.xr", "deglint.simulate", "deglint.plan", "deglint.plotting", "deglint.cluster",
     "deglint.physics.presets", "deglint.physics.glint", "detect", "detect.xr", "detect.report",
 )  # fmt: skip
 """Modules whose public names have a page each; those of `__all__`, else all that they define."""

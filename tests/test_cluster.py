@@ -17,7 +17,7 @@ from deglint.errors import DeglintError, InputError, ReadError
 
 pytest.importorskip("distributed", reason="needs pip install 'deglint[cluster]'")
 
-from deglint.pipeline.cluster import Cluster, connect
+from deglint.cluster import Cluster, connect
 from deglint.tiles import run as run_threads
 from deglint.tiles import tiles
 from detect.pipeline import Recipe as Scoring
@@ -185,7 +185,7 @@ def test_addresses_that_lead_nowhere(deglint, scene, monkeypatch):
         1,
         "Error: the address of a cluster looks like tcp://HOST:PORT, got 'localhost'.",
     )
-    monkeypatch.setattr("deglint.pipeline.cluster._CONNECT", 0.5)
+    monkeypatch.setattr("deglint.cluster._CONNECT", 0.5)
     ran = deglint("remove", scene, "out.tif", *RUN, "--cluster", "tcp://127.0.0.1:1")
     assert ran.code == 1
     assert "cannot reach a scheduler with workers at tcp://127.0.0.1:1" in ran.err

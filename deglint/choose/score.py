@@ -50,8 +50,7 @@ thousand pixels in eight tiles) that the power of their texture is known to a fe
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
     """Mean square of (texture / `unit`) at each scale, (scale,), over all pixels and bands.
 
-    Texture is the difference of local means over two successive `SCALES`; at the last scale, it is the local mean minus
-    the mean of its tile.
+    Texture is the difference of local means over two successive `SCALES`; at the last, local mean minus mean of tile.
 
     images, inside : for each tile, (band, row, column), and (row, column) mask of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated

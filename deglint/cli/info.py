@@ -28,8 +28,8 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     deglint info scene.tif
     deglint info S2B_MSIL1C_20260621.SAFE --json
     """  # fmt: skip
+    from ..info import examine
     from ..pipeline import Recipe
-    from ..pipeline.fit import examine
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene

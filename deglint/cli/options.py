@@ -195,7 +195,7 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
         raise click.UsageError("--threads are this process's own: leave it out with --cluster and --workers.")
     if given["cluster"] is not None and given["workers"] is not None:
         raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
-    from ..pipeline.cluster import connect
+    from ..cluster import connect
 
     with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
         yield cluster

@@ -1,5 +1,4 @@
-"""Glint compensation: corrections beyond a linear removal, for bands that are not simultaneous or differ in blur and
-noise.
+"""Glint compensation: corrections beyond a linear removal, for bands that differ in time, blur or noise.
 
 A chain is a sequence of stages (`STAGES`, one module each) before and after the removal; `fit_chain` fits a chain to a
 sample, `apply_chain` applies a fitted chain to a block with a halo.

@@ -35,8 +35,7 @@ RARE_SPARKLE = 0.99
 """Quantile of the outline detail of the NIR bands, which is sparkle. `ABOVE` times this quantile is the limit from
 which outline detail is used. About one clump in ten windows exceeds the quantile."""
 ABOVE = 1.5
-"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to the error at a wind of 9 m/s; with 4, faint
-discs are lost."""
+"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to errors at 9 m/s; with 4, faint discs go."""
 COVER_K = 3.0
 """A pixel counts in the fraction of glint pixels if it exceeds the background by this number of standard deviations of
 noise (0.1 % of the pixels with normal noise do)."""
@@ -59,8 +58,7 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     size : int
         Width of the window, odd [pixel].
     cut : int
-        Side of the corners that are cut off [pixel]: 0 gives a square, a quarter of the size an octagon, half of the
-        size a diamond.
+        Side of the corners that are cut off [pixel]: 0: a square, a quarter of the size: an octagon, half: a diamond.
 
     Returns
     -------

@@ -50,8 +50,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
 
     References
     ----------
-    Fink (2014), Glint Avoidance and Removal in the Maritime Environment, Rochester Institute of Technology, section
-    6.3.
+    Fink (2014), "Glint Avoidance and Removal in the Maritime Environment", RIT, section 6.3.
     """
     planes = [[s.image[b] for s in sample.states] for b in range(len(setting.bands))]
     found = [water_level(sample.values(p), 0.01 * (number or 100)) for p in planes]

@@ -1,8 +1,7 @@
 """Chains of stages: their text form, fitting to a sample of a scene, application to blocks, saving and reading.
 
 A chain is written as the names of its stages with their numbers, in order: ``psf:2, identify-level:13, replace-level,
-remove``. `remove` is the removal method; stages before it process the scene, stages after it process the result of the
-removal.
+remove``. `remove` is the removal method; stages before it process the scene, stages after it its result.
 """
 
 from collections.abc import Callable, Mapping, Sequence

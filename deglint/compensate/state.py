@@ -74,7 +74,9 @@ def filled(block: Float32, water: Mask) -> Float32:
     away = cv2.distanceTransformWithLabels((~water).view(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)[1]
     place = np.zeros(int(away.max()) + 1, np.int64)
     place[away[water]] = np.flatnonzero(water)
-    return np.ascontiguousarray(block.reshape(len(block), -1)[:, place[away]])
+    out = block.copy()
+    out[:, ~water] = block.reshape(len(block), -1)[:, place[away[~water]]]
+    return out
 
 
 @dataclass(frozen=True)

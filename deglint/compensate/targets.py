@@ -56,8 +56,7 @@ the mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exce
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53
-"""Rows and columns by which later bands are displaced to simulate false alarms [pixel]: more than a clump of glint,
-oblique to the waves."""
+"""Rows and columns by which later bands are displaced to simulate false alarms: wider than clumps [pixel]."""
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 """`EXCEEDS`: standard deviations of noise above which a pixel is lit (bright) in a band (one pixel of water in 700).
 `FEWEST_LIT`: fewest bands in which a target is lit. `LONE`: least S of a pixel of a target (odds of 7 to 1)."""

@@ -9,8 +9,7 @@ the background, measured by a trial: the glint of the scene is displaced by half
 image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
-calibration and atmosphere. Objects narrower than the window of an opening are erased without an increase of the
-standard error.
+calibration and atmosphere. An opening erases narrower objects without a larger standard error.
 
 References
 ----------

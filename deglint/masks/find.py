@@ -191,8 +191,7 @@ class _View:
 
         NIR / visible is lower for water than for white (`light`: red / green and NIR / green of white). A pixel with
         red / green above that of white may be soil, a town (if `light` is wrong) or brown water: the vote is 0 unless
-        `brown`. Means over squares of side `window` are compared, because bands that are not simultaneous show sparkle
-        at different places.
+        `brown`. Means over squares of side `window` are compared, because delayed bands show sparkle at other places.
         """
         roles, (red, nir) = self.roles, light
         found = []

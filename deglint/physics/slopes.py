@@ -2,8 +2,7 @@
 
 The module gives the probability density of facet slopes, per unit of upwind and crosswind slope, as a function of wind.
 The models are Cox and Munk with a Gram-Charlier series, as an anisotropic or as an isotropic Gaussian, and Breon and
-Henriot. A truncated Gram-Charlier series is negative at large slopes in strong wind; by default it is set to zero there
-and normalised again.
+Henriot. A truncated Gram-Charlier series is negative at large slopes in strong wind; by default it is set to 0 there.
 
 Axes: a positive upwind slope rises towards where the wind comes from; the crosswind axis points 90 degrees clockwise of
 upwind. The windward side of a wave is less steep, so the most frequent upwind slope is slightly negative.
@@ -81,8 +80,7 @@ def density(
     model : str
         One of `MODELS`.
     clip : bool
-        If True, the series is set to zero where it is negative, and normalised again. If False, the density may be
-        negative.
+        If True, the series is set to zero where it is negative, and normalised again; if False, it is not.
 
     Returns
     -------

@@ -99,8 +99,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
     [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
 
-    Raises InputError: the grid spans less than one peak wave or 8 x 8 points, or its step exceeds a quarter of the
-    peak wave.
+    Raises InputError: the grid spans less than one peak wave or 8 x 8 points, or step exceeds a quarter of it.
 
     Parameters
     ----------

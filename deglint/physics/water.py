@@ -38,8 +38,7 @@ def deep_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep water [1/sr].
 
-    The model is Lee et al. (2011) for sun zenith angles up to 75 and view zenith angles up to 70 degrees, and Lee et
-    al. (1999) beyond.
+    The model is Lee et al. (2011) for sun zenith angles up to 75 and view zenith angles up to 70 degrees, else (1999).
 
     Parameters
     ----------

@@ -1,28 +1,23 @@
 """Fit a recipe to a scene: read an overview, choose a candidate where the recipe leaves the choice open, fit it."""
 
-import math
-import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
-
-import numpy as np
 
 from .. import tiles as tiling
 from ..checks import check_kind, checked_keywords
 from ..choose import Choice
 from ..compensate import Chain
-from ..errors import DeglintError, FitError, InputError, NoWaterError
+from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
-from ..raster.environment import environment, limit
-from ..readers.grid import ground_size
-from ..readers.undeclared import Undeclared, settled, undeclared
+from ..raster.environment import environment
+from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
-from .overview import Job, Progress, overview_of, overviews, raster_of, read_tiles, sampler_of
+from .overview import Job, Progress, overview_of, overviews, sampler_of
 from .recipe import Recipe, make_request
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
@@ -217,90 +212,3 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     note, of_water = f"model {model.method}, fitted before", log_water(fitted.water, recipe.mask)
     log_model(model, [note])
     return replace(fitted, notes=(note, *of_water))
-
-
-@checked_keywords()
-def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Examine a scene; only a part of a large scene is read, for a limited time.
-
-    Parameters
-    ----------
-    scene : Scene
-    recipe : Recipe, optional
-        Its NIR and sample are used.
-    threads : int, optional
-
-    Returns
-    -------
-    dict
-        Plain values: size, location, bands, NIR, valid and water fraction of the pixels that were read, glint level, R2
-        of each band with the NIR, suggested method with the reason, and notes. Values that are not known are None, with
-        the reason in the notes.
-    """
-    check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe, threads = recipe or Recipe(), threads or tiling.default_threads()
-    check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
-    scene = settled(scene)
-    out = _header(scene)
-    notes: list[str] = out["notes"]
-    seconds, source = limit("DEGLINT_INFO_SECONDS"), raster_of(scene)
-    source.deadline = deadline = time.monotonic() + seconds
-    try:
-        with environment():
-            request, of_nir = make_request(scene, recipe)
-            notes.append(of_nir)
-            out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
-            nir = request.indexes[0].bands[0]
-            overview = overview_of(scene, nir, threads)
-            valid = [np.isfinite(block) for block in read_tiles(scene, overview.tiles, [nir], threads)]
-            out["looked_at_pixels"] = sum(block.size for block in valid)
-            out["valid_fraction"] = float(sum(block.sum() for block in valid) / out["looked_at_pixels"])
-            if overview.water is not None:
-                out["water_fraction"] = overview.water.water_fraction
-                notes.append(overview.water.reason)
-            fitted = fit_scene(scene, recipe, threads=threads)
-    except DeglintError as error:
-        out["reason"] = str(error) if time.monotonic() <= deadline else (
-            f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
-            "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
-        )  # fmt: skip
-        return out
-    finally:
-        source.deadline = math.inf
-    if fitted.water is not None:
-        out["water_fraction"] = fitted.water.water_fraction
-    if fitted.sampled:
-        out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
-    out["suggested_method"], out["reason"] = fitted.model.method, "as it was asked for"
-    if (choice := fitted.choice) is not None:
-        copied = choice.best.method == "copy"
-        out["choice"], out["tried"] = choice.numbers(), choice.lines()
-        out["suggested_method"] = None if copied else choice.best.name
-        out["reason"] = choice.why_copied if copied else choice.why
-    notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
-    return out
-
-
-def _header(scene: Scene) -> dict[str, Any]:
-    """Properties of a scene that are known without a fit; the other values of `examine` are None."""
-    info = raster_of(scene).info
-    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
-               "suggested_method", "reason", "choice")  # fmt: skip
-    return {
-        "path": scene.path,
-        "driver": info.driver,
-        "height": scene.height,
-        "width": scene.width,
-        "dtype": info.dtype.name,
-        "nodata": info.nodata,
-        "crs": scene.crs.to_string() if scene.crs else None,
-        "pixel_size": ground_size(scene.transform, scene.crs, scene.height, scene.width),
-        "sensor": scene.sensor,
-        "product": scene.product,
-        "opened": list(scene.notes),
-        "bands": [asdict(b) for b in scene.bands],
-        **dict.fromkeys(unknown),
-        "tried": [],
-        "notes": list(scene.notes),
-    }

@@ -52,8 +52,7 @@ SPECIFICATION = "CEOS-ARD Aquatic Reflectance 2.0.1"
 SKY_MODEL = "harrison-coombes"
 """Sky model for the reported sky glint: a clear sky, as for the irradiance; sun glint occurs under a clear sky."""
 SKY_WINDS = (5.0, 1.0, 15.0)
-"""If the scene states no wind: wind for the reported sky glint (default of simulations), and weak and strong wind for
-its range [m/s]."""
+"""If the scene states no wind: wind for the reported sky glint (default of simulations), and for its range [m/s]."""
 VISIBILITIES = (40.0, 15.0, 80.0)
 """Visibility for the reported sky glint (default of plans), and in haze and very clear air for its range [km]."""
 _ANGLE_TAGS = {

@@ -13,6 +13,7 @@ import numpy as np
 from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..checksum import Checksum, fingerprint
+from ..cluster import Cluster
 from ..errors import InputError, NoWaterError
 from ..raster.convert import physical_dtype
 from ..raster.environment import enter_thread, environment
@@ -26,7 +27,6 @@ from ..report import before_after
 from ..scene import FloatArray, Scene, Window
 from ..tiles import Tile
 from ..timing import Reporter
-from .cluster import Cluster
 from .correct import Correction, correction
 from .fit import Fitted, Progress, fit_scene, given_model
 from .flags import beside, glint_numbers, sky_glint
@@ -60,7 +60,7 @@ def remove_glint(
     model : GlintModel, optional
         Apply this model instead of fitting one. If a compensation was saved with it, give that as `chain`.
     threads, cluster : int and Cluster, optional
-        Threads, by default all processors; or workers (`deglint.pipeline.cluster.connect`) with the same result.
+        Threads, by default all processors; or workers (`deglint.cluster.connect`) with the same result.
     progress : callable, optional
         Called as progress(stage, done, total).
     **options

@@ -1,8 +1,7 @@
 """The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
 A `Mission` has defaults, and rejects values outside the range of the models. It can be made from tables of plain
-values (from a TOML file and the options of the command), and converted to such tables. Options override single values
-of the file.
+values (from a TOML file and the options of the command), and converted to such tables. Options override the file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Open an xarray DataArray as a `Scene`: identify its dimensions, bands and georeferencing.
 
-Accepts arrays of rioxarray, odc-stac and stackstac. Names and wavelengths are interpreted as for files. xarray itself
-is not imported here.
+Accepts arrays of rioxarray, odc-stac and stackstac, without importing xarray. Names and wavelengths are as for files.
 """
 
 import re

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import chain
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -33,7 +33,16 @@ Given = Mapping[str, tuple[Any, ...]]
 offset is for all bands."""
 
 
-@checked_keywords()
+class BandProperties(TypedDict, total=False):
+    """Properties of all bands that a user may give to `open_scene`, which describes them."""
+
+    bands: Names | None
+    wavelengths: Numbers | None
+    scale: Numbers | None
+    offset: Numbers | None
+
+
+@checked_keywords(*BandProperties.__annotations__)
 def open_scene(
     path: Path | Sequence[Path],
     *,
@@ -41,10 +50,7 @@ def open_scene(
     nir: Wanted | None = None,
     nodata: float | str | None = None,
     grid: str | int | None = None,
-    bands: Names | None = None,
-    wavelengths: Numbers | None = None,
-    scale: Numbers | None = None,
-    offset: Numbers | None = None,
+    **properties: Unpack[BandProperties],
 ) -> Scene:
     """Open one or several rasters or products of the same place as a scene; no pixel is read.
 
@@ -92,7 +98,7 @@ def open_scene(
     if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
         check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     preset = None if sensor is None else as_path(sensor, "sensor")
-    scene = _stacked(paths, preset, nir, nodata, grid, _given(bands, wavelengths, scale, offset))
+    scene = _stacked(paths, preset, nir, nodata, grid, _given(properties))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
 
 
@@ -193,13 +199,14 @@ def _stem(info: RasterInfo) -> str:
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
-def _given(bands: Names | None, wavelengths: Numbers | None, scale: Numbers | None, offset: Numbers | None) -> Given:
+def _given(given: BandProperties) -> Given:
     """Parse and check the options of `open_scene` that override properties in the files."""
+    waves = _numbers("wavelengths", given.get("wavelengths"), "475,560,668,842")
     return {
-        "bands": _names(bands),
-        "wavelengths": tuple(_nanometres(w) for w in _numbers("wavelengths", wavelengths, "475,560,668,842")),
-        "scale": _numbers("scale", scale, "0.0001", zero=False),
-        "offset": _numbers("offset", offset, "-0.1"),
+        "bands": _names(given.get("bands")),
+        "wavelengths": tuple(map(_nanometres, waves)),
+        "scale": _numbers("scale", given.get("scale"), "0.0001", zero=False),
+        "offset": _numbers("offset", given.get("offset"), "-0.1"),
     }
 
 

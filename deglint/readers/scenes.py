@@ -1,8 +1,7 @@
 """From names to scenes: the files of a STAC Item, and the scenes of a batch.
 
 The name of an Item can replace the name of a raster: a local file or a URL, "FILE#ID" for an Item of an ItemCollection,
-and "FILE#ID#KEY,KEY" for some of its assets. The scenes of a batch come from names, patterns, a CSV or a STAC
-ItemCollection.
+and "FILE#ID#KEY,KEY" for some of its assets. A batch takes names, patterns, a CSV or STAC collections.
 """
 
 import csv

@@ -2,8 +2,7 @@
 
 Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above. A name may have a
 wavelength ("Blue-444", "490 nm"), a colour ("Red Edge") or a code ("SR_B2"). Colour words give only nominal wavelengths
-(a "red" band is assumed to be near 660 nm). A code such as "B8" depends on the sensor and is interpreted by the sensor
-presets.
+(a "red" band is assumed to be near 660 nm). A code such as "B8" depends on the sensor: see the presets.
 """
 
 import re

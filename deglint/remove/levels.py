@@ -54,8 +54,7 @@ DARKER = 0.75
 turbid estuaries only; mirrored sky and haze have .4 to .75."""
 LEVEL_PIXELS = 50_000  # pixels from which the error of the level is estimated: about 100 of them have the least glint
 LEAST_OF_MEDIAN = 0.5
-"""Largest ratio of the least glint to the median glint of a sheet, which waves make uneven: .23 to .48 for simulated
-pixels of 1.6 to 10 m."""
+"""Largest ratio of the least glint to the median glint of a sheet, uneven by waves: .23 to .48 at 1.6 to 10 m."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:

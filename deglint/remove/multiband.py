@@ -5,8 +5,7 @@ Several longer bands together predict glint better than the NIR alone. Least squ
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
 with r over the bands from 640 nm on that are longer than i (only the NIR if wavelengths are not known), C the
-covariance over the sample, and p_i0 the 5th percentile of p_i there. With one reference, no ridge and percentile 0 it
-is Hedley's method.
+covariance over the sample, p_i0 the 5th percentile of p_i there. One reference, no ridge, percentile 0: Hedley's.
 
 The method assumes that deep water is black, or uniform, in the references. Over shoals the red bands show the bottom,
 and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails,

@@ -94,8 +94,7 @@ def _left(grams: LagGrams, kernel: Float64) -> Float64:
 def filled(known: npt.NDArray[np.int8]) -> Mask:
     """Mask of the squares of the second kind, (row of squares, column of squares).
 
-    Unknown squares (-1) take the kind (0 or 1) of the nearest known square. Isolated squares take the kind of most of
-    their neighbours.
+    Unknown squares (-1) take the kind (0, 1) of the nearest known square; isolated ones, that of most neighbours.
     """
     import cv2
     from scipy.ndimage import distance_transform_edt

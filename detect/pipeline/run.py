@@ -15,8 +15,8 @@ from deglint import __version__
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
 from deglint.checksum import Checksum
+from deglint.cluster import Cluster
 from deglint.errors import DeglintError, InputError, NoWaterError
-from deglint.pipeline.cluster import Cluster
 from deglint.pipeline.outputs import log_scene, versions
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import enter_thread, environment

@@ -16,9 +16,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ..errors import DeglintError, InputError
-from ..raster.environment import environment
-from ..tiles import Tile
+from .errors import DeglintError, InputError
+from .raster.environment import environment
+from .tiles import Tile
 
 TILES_AHEAD = 3  # tiles in progress, or finished and not fetched yet, for each thread of a worker
 WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
