@@ -1,8 +1,8 @@
 """Process many scenes with one recipe, in separate processes: a scene that fails does not stop the others.
 
 A recipe file holds the options. A scene is finished if the sidecar of its output records the same recipe and the same
-checksums of input and outputs, so a batch that was interrupted can be continued. A worker process handles one scene
-after the other, so modules are loaded once. A worker that crashes is reported and replaced.
+checksums of input and outputs; a batch that was interrupted can therefore be continued. Each worker process handles one
+scene after the other, so it imports modules only once. A worker that crashes is reported and replaced.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Order:
     reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def request(self) -> str:
-        """Checksum of everything that the result depends on except the scene; equal orders give equal checksums."""
+        """Checksum of everything on which the results depend, apart from the scenes; the same for equal orders."""
         read = files_behind([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
         files = {path: fingerprint(path)["crc32"] for path in read}
         said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
@@ -71,8 +71,8 @@ class Order:
 def read_order(path: str, directory: str | None = None) -> Order:
     """Read a recipe file, TOML with the tables of `Order`; a given `directory` replaces the file's output directory.
 
-    Raises ReadError: no such file; InputError: not TOML, or a name or value that is not allowed, such as an output
-    directory above the current one.
+    Raises ReadError if there is no such file, and InputError if it is not TOML or has a name or value that is not
+    allowed, such as an output directory above the current one.
     """
     document = read_toml(path, "recipe")
     of_output = ["directory", "name", "extras", "dtype", "options"]
@@ -115,19 +115,19 @@ def read_order(path: str, directory: str | None = None) -> Order:
 
 @dataclass(frozen=True)
 class Job:
-    """One scene of a batch, and its outputs."""
+    """One scene of a batch, and the outputs that are made from it."""
 
     scene: ListedScene
     outputs: Outputs
 
     def ended(self, status: str, reason: str = "", **more: Any) -> Outcome:
-        """The outcome of this scene; `more` are further fields of `Outcome`."""
+        """Make the `Outcome` of this scene from its status, the reason for it, and further fields (`more`)."""
         return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of one scene: a row of the summary."""
+    """Result of one scene, which is a row of the summary of the batch."""
 
     name: str  # name of the scene
     inputs: str  # paths of the scene, separated by ";"
@@ -141,7 +141,7 @@ class Outcome:
 
 
 def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
-    """One job for each scene. Raises InputError: scenes with the same output, or an output that replaces an input."""
+    """One job for each scene; raise InputError if scenes have the same output or an output would replace an input."""
     jobs = []
     made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:
@@ -165,7 +165,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before it is processed, and why; "failed" if outputs exist that do not come from this job."""
+    """Status of a scene before it is processed, and the reason; "failed" if its outputs exist but not from this job."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -195,9 +195,9 @@ def run_batch(
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
     divided evenly). `overwrite` replaces existing outputs that do not come from this recipe and these inputs; finished
-    scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with each outcome.
-
-    Raises InputError, WriteError before any work starts: names clash; a directory is not writable or in use by a batch.
+    scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with each outcome. Before
+    any scene is processed, the function raises InputError if an output would replace another output or an input, and
+    WriteError if the directory of the outputs is not writable or is used by another batch.
     """
     jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
@@ -230,7 +230,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs (`todo`, by number) on `count` processes of `threads` threads; call `ended` with number and outcome."""
+    """Run the jobs of `todo` on `count` processes, `threads` threads each; call `ended` with job number and outcome."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 
@@ -255,14 +255,14 @@ def _run_jobs(
 
 
 class _Worker:
-    """A process that runs one job after the other; if it has crashed, a new process is started for the next job."""
+    """A worker process that runs one job after the other; if it has crashed, the next job starts a new process."""
 
     def __init__(self, order: Order, threads: int) -> None:
         self._order, self._threads = order, threads
         self.start()
 
     def start(self) -> None:
-        """Start the process."""
+        """Start the worker process, and a pipe to send jobs to it."""
         context = get_context("spawn")  # a fork would take locks of this process's threads with it
         self._line, theirs = context.Pipe()
         talks = log.isEnabledFor(logging.DEBUG)
@@ -271,7 +271,7 @@ class _Worker:
         theirs.close()
 
     def run(self, job: Job) -> Outcome:
-        """Run a job in the worker process and return its outcome; log what the worker logs meanwhile."""
+        """Run a job in the worker process and return its outcome; log records of the worker are logged here."""
         begun = time.perf_counter()
         if not self.process.is_alive():
             self.start()
@@ -290,8 +290,8 @@ class _Worker:
 def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
     """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
 
-    `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, only
-    log records on the remaining time are sent.
+    `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, the
+    only log records that are sent are those on the remaining time.
     """
     sent = logging.getLogger("deglint" if talks else "deglint.timing")
     sent.setLevel(logging.INFO)

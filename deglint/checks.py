@@ -27,7 +27,7 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
-    """Decorator of functions: an unknown keyword raises TypeError, which suggests the closest known keyword.
+    """Decorate a function so that an unknown keyword raises TypeError, which suggests the closest known keyword.
 
     `more` are keywords that the function accepts through ``**``.
     """
@@ -50,7 +50,7 @@ def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[
 
 
 def described(value: Any) -> str:
-    """Short text for a value in an error message; for an array, its shape.
+    """Describe a value by a short text for an error message; an array is described by its shape.
 
     >>> described("a.tif"), described(7), described([1] * 99)
     ("'a.tif'", '7', 'a list of 99')
@@ -65,7 +65,7 @@ def described(value: Any) -> str:
 
 
 def as_path(value: Any, name: str) -> str:
-    """A path or GDAL name as text; raises InputError if the value is neither a path nor a text, or is empty."""
+    """Return a path or GDAL name as text; raise InputError if `value`, of the argument `name`, is neither, or empty."""
     if isinstance(value, str) and value:
         return value
     if isinstance(value, os.PathLike) and isinstance(path := os.fspath(value), str):
@@ -75,20 +75,20 @@ def as_path(value: Any, name: str) -> str:
 
 
 def check_kind(value: Any, kind: type, name: str, remedy: str) -> None:
-    """Check the type of a value; if it has another type, raise InputError with a message that ends with `remedy`."""
+    """Raise InputError if `value`, of the argument `name`, is not of the type `kind`; `remedy` ends the message."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: want a {'text' if kind is str else kind.__name__}, got {described(value)}. {remedy}")
 
 
 def check_choice(value: Any, known: list[str], name: str) -> None:
-    """Check that a value is one of the known words; if not, raise InputError, which lists them and the closest."""
+    """Raise InputError, which lists the words in `known`, if `value`, of the argument `name`, is not one of them."""
     if not isinstance(value, str) or value not in known:
         hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{name} {described(value)} is not one of {', '.join(known)}{hint or '.'}")
 
 
 def check_number(value: Any, low: float, high: float, name: str) -> None:
-    """Check that a value is a number from `low` to `high`; if not, raise InputError."""
+    """Raise InputError if `value`, of the argument `name`, is not a number from `low` to `high`."""
     try:
         inside = isinstance(value, Real) and not isinstance(value, bool) and low <= float(value) <= high
     except OverflowError:
@@ -102,7 +102,7 @@ def check_number(value: Any, low: float, high: float, name: str) -> None:
 def from_plain(kind: Any, value: Any) -> Any:
     """Convert a JSON value to the type `kind`: objects to dataclasses, lists to tuples; unknown keys are ignored.
 
-    Raises TypeError, ValueError: the value is of another type, or a field is missing.
+    Raises TypeError or ValueError if the value cannot be converted, or if a required field is missing.
     """
     origin, inner = get_origin(kind), get_args(kind)
     if origin is UnionType:  # X | None

@@ -1,4 +1,4 @@
-"""Size, modification time and CRC-32 of all input files, computed in a separate thread."""
+"""Size, modification time and CRC-32 of all input files of a run, to record them and to detect changes."""
 
 import stat
 import threading
@@ -18,10 +18,10 @@ Stamp = tuple[int, int, int, int]  # size [byte], modification time [ns], inode 
 
 
 class Checksum:
-    """CRC-32 of all files that are read for some GDAL names, computed in a separate thread during the run.
+    """Compute the CRC-32 of all input files of a run in a separate thread, and detect files that change meanwhile.
 
-    Names that are not local files (/vsis3/, zip://) have no checksum. Files of the names `aside`, such as a mask, must
-    not change during the run either, but are not listed in the result.
+    `names` are GDAL names of the input; files that GDAL reads with them are included. Names that are not local files
+    (/vsis3/, zip://) have no checksum. Files of the names `aside`, such as a mask, are only checked for changes.
     """
 
     def __init__(self, names: Sequence[str], aside: Sequence[str] = ()) -> None:
@@ -33,9 +33,9 @@ class Checksum:
         self._thread.start()
 
     def result(self) -> list[dict[str, Any]]:
-        """Name, size [byte] and CRC-32 (8 hexadecimal digits) of each file; None for size and CRC-32 if unreadable.
+        """Path, size [byte] and CRC-32 (8 hexadecimal digits) of each input file; None for values that are not known.
 
-        Raises ReadError: a file was changed while it was read, so the result may mix old and new content.
+        Raises ReadError if a file was changed during the run, as the output may then mix old and new content.
         """
         self._thread.join()
         if changed := self.changed():
@@ -43,12 +43,12 @@ class Checksum:
         return [{k: v for k, v in file.items() if k != "modified_ns"} for file in self._found]
 
     def fingerprints(self) -> list[dict[str, Any]]:
-        """The list of `result` with the modification time [ns] of each file; a changed file is no error."""
+        """The list that `result` returns, with the modification time [ns] of each file; changed files are no error."""
         self._thread.join()
         return self._found
 
     def changed(self) -> str | None:
-        """Path of the first file that was modified, added or removed since the start; None if there is none."""
+        """Path of the first file that was modified, added or removed since this object was made; None if none was."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
         for path in {**self._before, **after}:
@@ -67,7 +67,7 @@ class Checksum:
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:
-    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; None where not available."""
+    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; None if it cannot be read."""
     stamp = _stamp(path)
     if stamp is not None:
         crc, room = 0, memoryview(bytearray(min(_CHUNK, stamp[0] + 1)))
@@ -79,13 +79,13 @@ def fingerprint(path: str | Path) -> dict[str, Any]:
 
 
 def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether the files behind some GDAL names are those in `said` (fingerprints by path), and are not changed."""
+    """Whether the files behind GDAL names are exactly those in `said` (fingerprints by path), with the same content."""
     files = files_behind(names)
     return set(files) == set(said) and all(is_as(path, said[path]) for path in files)
 
 
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file still has the fingerprint `said`; its content is read only if just the time differs."""
+    """Whether a file has the size and content of the fingerprint `said`; if its time is the same, it is not read."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

@@ -28,7 +28,7 @@ _LOST = "lost the cluster: its scheduler does not answer any more. Start one, an
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """Workers that process tiles; made by `connect`."""
+    """A connection to a Dask cluster whose workers process tiles; it is made by `connect`."""
 
     client: Any  # the `distributed.Client`
 
@@ -36,9 +36,9 @@ class Cluster:
         self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
         progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
-        """Process every tile and yield (tile, result) in order, as `deglint.tiles.run` does on threads.
+        """Call `work` on every tile and yield (tile, result) in order; for threads, `deglint.tiles.run` does the same.
 
-        Raises DeglintError: the work itself has failed, no worker is left, or a worker has too little memory.
+        Raises DeglintError if the work itself has failed, no worker is left, or a worker has too little memory.
         """
         import cloudpickle
 
@@ -60,7 +60,7 @@ class Cluster:
             self.client.cancel([future for _tile, future in waiting])
 
     def _result(self, future: Any) -> Any:
-        """Result of a task, when it is done; an error of the cluster is raised as DeglintError."""
+        """Wait for a task (a Dask future) and return its result; an error of the cluster is raised as DeglintError."""
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
@@ -88,7 +88,7 @@ class Cluster:
             return dict(self.client.run(_peak))
 
     def numbers(self) -> dict[str, Any]:
-        """Entries of the sidecar: number of workers, and the largest peak memory of one."""
+        """Entries of the sidecar on the cluster: number of workers, and the largest peak memory of a worker [MB]."""
         held = self.memory().values()
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
@@ -100,15 +100,15 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     Parameters
     ----------
     address : str, optional
-        Address of a Dask scheduler, such as "tcp://10.0.0.5:8786". Workers need deglint, and access to the input under
-        the same name.
+        Address of a Dask scheduler, such as "tcp://10.0.0.5:8786". Its workers need deglint, and the same input paths.
     workers : int, optional
-        Instead of an address: number of local processes, of one thread each.
+        Number of local processes to start, with one thread each, instead of an address.
     memory : str
-        Memory limit of each process, such as "1GiB"; "auto" divides the machine's memory. A process above its limit is
-        killed, and its tiles are repeated.
+        Memory limit of each local process, such as "1GiB"; "auto" divides the machine's memory among them. A process
+        above its limit is killed, and its tiles are repeated.
 
-    Raises InputError: neither or both of `address` and `workers`; DeglintError: no `distributed`, scheduler or worker.
+    Raises InputError unless exactly one of `address` and `workers` is given, and DeglintError if `distributed` is not
+    installed, or no scheduler or worker is reached.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
 
 @contextmanager
 def _answering() -> Iterator[None]:
-    """Context in which a lost connection to the scheduler is raised as DeglintError with a message of one line."""
+    """Context manager that raises DeglintError, with a one-line message, if the connection to the scheduler is lost."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -159,7 +159,7 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """The function that was pickled as `packed`; it is unpickled once in each worker process."""
+    """Unpickle the function that processes tiles; the result is cached, so each worker process does this only once."""
     import cloudpickle
     import cv2
     from threadpoolctl import threadpool_limits
@@ -171,7 +171,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
 
 
 def _do(packed: bytes, tile: Tile) -> Any:
-    """Process a tile in a worker; an error is raised without its cause, which may not be picklable."""
+    """Process a tile in a worker with the pickled function `packed`; errors lose their cause, so that they pickle."""
     with environment():
         try:
             return _unpacked(packed)(tile)
@@ -181,7 +181,7 @@ def _do(packed: bytes, tile: Tile) -> Any:
 
 
 def _peak() -> int:
-    """Peak memory of this process [byte]; 0 where not available."""
+    """Peak memory of this process [byte]; 0 where the operating system does not provide it."""
     try:
         status = Path("/proc/self/status").read_text()  # ru_maxrss would include the peak of the parent process
     except OSError:

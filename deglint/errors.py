@@ -21,7 +21,7 @@ class WriteError(DeglintError, OSError):
 
 
 class BandError(InputError, LookupError):
-    """A band that is selected, or needed, is not in the scene."""
+    """A band that the user selects, or that a method needs, is not in the scene."""
 
 
 class FitError(DeglintError, ValueError):

@@ -21,20 +21,20 @@ from .scene import Scene
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
-    """Examine a scene; only a part of a large scene is read, for a limited time.
+    """Examine a scene without correcting it; of a large scene only a part is read, for a limited time.
 
     Parameters
     ----------
-    scene : Scene
+    scene, threads : Scene, and int, optional
+        The scene, and the number of threads, by default one for each processor.
     recipe : Recipe, optional
-        Its NIR and sample are used.
-    threads : int, optional
+        Options of the removal that are examined, such as the NIR bands and the sample.
 
     Returns
     -------
     dict
-        Plain values: properties of the file, valid and water fraction of the pixels that were read, glint level, R2 and
-        slope of each band, suggested method and reason, notes. Unknown values are None; the notes say why.
+        Properties of the file, valid and water fraction of the pixels that were read, glint level, R2 and slope of each
+        band, suggested method and reason, candidates, notes. Unknown values are None; "notes" and "reason" say why.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe, threads = recipe or Recipe(), threads or tiling.default_threads()
@@ -82,7 +82,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
 
 
 def _header(scene: Scene) -> dict[str, Any]:
-    """Properties of a scene that are known without a fit; the other values of `examine` are None."""
+    """The result of `examine` with only those properties that are known without a fit; all others are None or empty."""
     info = raster_of(scene).info
     unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
                "suggested_method", "reason", "choice")  # fmt: skip

@@ -1,4 +1,4 @@
-"""numba's compiler with an optional disk cache; kernels import `njit` from this module."""
+"""A variant of `numba.njit` that also works where compiled code cannot be stored on disk; the package uses this one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,7 +7,7 @@ import numba
 
 
 def njit(*, cache: bool, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function like `numba.njit`; with `cache`, it is cached on disk where possible."""
+    """Decorator like `numba.njit`; with `cache`, compiled code is stored on disk if a directory for it is writable."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         try:

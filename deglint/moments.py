@@ -1,13 +1,13 @@
 """Mean and covariance of pixels by a numerically stable algorithm whose partial results can be merged.
 
-A block is cut into square cells that are aligned with the *scene's* origin, not with the tile's. Every cell is
-reduced by itself, and the cells are merged pairwise in row-major order, so the result is the same to the bit whatever
-tiles the scene was read in (as long as tile edges fall on cell edges) and however many threads worked on it.
+The scene is divided into square cells that start at its first pixel. The moments of each cell are computed separately,
+and cells are merged in pairs in row-major order. The result is therefore the same to the bit for any tiles in which the
+scene is read (if tile edges are cell edges) and for any number of threads.
 
-A cell is reduced while it is in cache, in one pass: moments about a typical pixel. If this pixel lies far from the mean
-or pixels are missing, there are two passes: first the mean, then the moments about it. Cells are merged with the update
-of Chan, Golub and LeVeque (1983); means are stored as sums of two doubles. No large sums of squares are formed, so an
-offset of 1e8 or one extreme pixel costs no precision.
+The moments of a cell are computed in one pass, about a typical pixel. If this pixel is far from the mean, or pixels are
+missing, there are two passes: first the mean, then the moments about it. Cells are merged by the formula of Chan, Golub
+and LeVeque (1983); means are stored as sums of two doubles. No large sums of squares are formed, so an offset of 1e8 or
+one extreme pixel costs no precision.
 
 References
 ----------
@@ -36,19 +36,19 @@ CELL = 64  # side of a cell [pixel]; tiles that start at multiples of it give bi
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Count, mean, central co-moments and range of pixels of several variables.
+    """Count, mean, central co-moments and range of pixels with several variables, such as bands.
 
     Attributes
     ----------
     n : int
-        Pixels in which every variable is finite.
+        Number of pixels in which every variable is finite.
     mean : (variables,) ndarray
     comoment : (variables, variables) ndarray
         Sum over pixels of (x - mean)(x - mean)^T; not finite for values above about 1e150.
     minimum, maximum : (variables,) ndarray
         Smallest and largest value; +inf and -inf where n is 0.
     rest : (variables,) ndarray
-        Rounding error of the mean, so that parts merge without loss.
+        Rounding error of `mean`, which is kept so that merging parts costs no precision.
     """
 
     n: int
@@ -78,12 +78,12 @@ class CellMoments(NamedTuple):
 
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
-        """Moments as one cell, at the origin of the scene."""
+        """Convert a `Moments` object to one cell, at the origin of the scene."""
         return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in vars(m).values()))
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
-        """All cells of the parts, not merged: a cell of the scene may occur in several parts."""
+        """All cells of the parts, one after the other, not merged; a cell of the scene may occur in several parts."""
         return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     def by_place(self) -> CellMoments:
@@ -91,9 +91,9 @@ class CellMoments(NamedTuple):
         return self.where(np.lexsort((self.keys[:, 1], self.keys[:, 0])))
 
     def joined(self, levels: int) -> CellMoments:
-        """Merge the cells of each row in groups of 2**levels columns of cells, from the left edge of the scene.
+        """In each row of cells, merge groups of 2**levels neighbouring cells, counted from the left edge of the scene.
 
-        In a group, neighbours are merged first. A group that is one cell is kept. The result is in row-major order.
+        Within a group, cells are merged in pairs. A group with one cell is copied. The result is in row-major order.
         """
         out = self.by_place()
         for level in range(1, levels + 1):
@@ -101,7 +101,7 @@ class CellMoments(NamedTuple):
         return out
 
     def _pairs_merged(self, level: int) -> CellMoments:
-        """Merge pairs of cells that lie in the same row and in the same group of 2**level columns of cells."""
+        """Merge pairs of cells in the same row and the same group of 2**level columns of cells; copy single cells."""
         groups = self.keys >> np.array([0, level])
         first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
@@ -109,7 +109,7 @@ class CellMoments(NamedTuple):
         return CellMoments.concatenate([both._neighbours_merged(), self.where(alone)]).by_place()
 
     def _neighbours_merged(self) -> CellMoments:
-        """Merge cells 0 and 1, 2 and 3, ... by the update of Chan, Golub and LeVeque; an odd last cell is kept."""
+        """Merge cells 0 and 1, 2 and 3, ... by the formula of Chan, Golub and LeVeque; an odd last cell is copied."""
         even = len(self.n) // 2 * 2
         a, b = self.where(slice(0, even, 2)), self.where(slice(1, even, 2))
         n = a.n + b.n
@@ -122,11 +122,11 @@ class CellMoments(NamedTuple):
         return merged if even == len(self.n) else CellMoments.concatenate([merged, self.where(slice(even, None))])
 
     def where(self, chosen: npt.NDArray[Any] | slice) -> CellMoments:
-        """The cells that `chosen` selects: indexes, a slice, or a mask (cell,)."""
+        """The cells that `chosen` selects; it is an array of indexes, a slice, or a mask (cell,)."""
         return CellMoments._make(values[chosen] for values in self)
 
     def total(self) -> Moments:
-        """Merge all cells into one; neighbours in the current order first."""
+        """Moments of all cells together; neighbouring cells, in the current order, are merged first."""
         if not len(self.n):
             variables = self.mean.shape[1]
             return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
@@ -140,12 +140,12 @@ class CellMoments(NamedTuple):
 def cell_moments(
     block: npt.NDArray[Any], mask: Mask | None = None, *, origin: tuple[int, int] = (0, 0), cell: int = CELL
 ) -> CellMoments:
-    """Moments of a block, cell by cell.
+    """Moments of the pixels of a block of the scene, separately for each square cell of the scene.
 
     Parameters
     ----------
     block : (variables, rows, columns) ndarray
-        Any real dtype; pixels with a NaN or infinity in any variable are left out.
+        Values of any real dtype; pixels with NaN or infinity in any variable are left out.
     mask : (rows, columns) bool ndarray, optional
         True where a pixel counts.
     origin : (int, int)
@@ -156,11 +156,11 @@ def cell_moments(
     Returns
     -------
     CellMoments
-        Only cells that hold at least one pixel.
+        The cells with at least one pixel that counts.
 
     Notes
     -----
-    Costs one read of the block and (variables + 1)^2 / 2 multiply-adds per pixel.
+    The cost is one read of the block and (variables + 1)^2 / 2 multiply-adds per pixel.
     """
     block = np.asarray(block)
     if block.ndim != 3:
@@ -181,7 +181,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Cells along one axis of a block that starts at pixel `first`: number of each, and slice of its pixels."""
+    """Cells along an axis of a block, `length` pixels from scene pixel `first`: (cell number, slice of the block)."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 
@@ -189,7 +189,7 @@ def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
 def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
     """Keep about one in `share` pixels of a mask, selected by a hash of their row and column in the scene.
 
-    `origin` is the row and column of the first pixel of the mask, so the selection does not depend on tiles.
+    `origin` is the scene's row and column of the first pixel of the mask; the selection does not depend on tiles.
     """
     if share <= 1:
         return mask
@@ -215,7 +215,7 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
-    """Moments of a cell, (variable, row, column), in one pass or two; `inside`, (row, column): pixels that count."""
+    """Moments of the pixels of a cell, (variable, row, column), for which the mask `inside` (row, column) is True."""
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
         one = _one_pass(x)
@@ -227,7 +227,7 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
 
 
 def _one_pass(x: Float64) -> Reduced | None:
-    """Moments of `x` (variable, pixel) in one pass; None if that is imprecise or not finite. `x` is changed."""
+    """Moments of `x` (variable, pixel) in one pass, or None if they are imprecise or not finite. It overwrites `x`."""
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
     shift = _typical(x)
@@ -242,7 +242,7 @@ def _one_pass(x: Float64) -> Reduced | None:
 
 
 def _two_passes(x: Float64) -> Reduced:
-    """Moments of finite `x` (variable, pixel) in two passes: the mean, then moments about it. `x` is changed."""
+    """Moments of finite `x` (variable, pixel) in two passes: the mean, then moments about it. It overwrites `x`."""
     count = x.shape[1]
     low, high = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
     if not count:
@@ -257,7 +257,7 @@ def _two_passes(x: Float64) -> Reduced:
 
 
 def _typical(x: Float64) -> Float64:
-    """Median of first, middle and last pixel of `x` (variable, pixel), (variable,); robust against one outlier."""
+    """Median of the first, middle and last pixel of `x` (variable, pixel), (variable,); robust against one outlier."""
     return np.sort(x[:, [0, x.shape[1] // 2, -1]], axis=1)[:, 1]
 
 

@@ -1,4 +1,4 @@
-"""Squares of pixels: arrays cut into squares, masks dilated, eroded and opened by a square, and sums over it."""
+"""Operations with squares of pixels: cut an array into squares; dilate, erode and open a mask; sum over squares."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -9,18 +9,18 @@ import numpy.typing as npt
 
 
 def square(side: int) -> npt.NDArray[np.uint8]:
-    """A square structuring element: ones, (side, side)."""
+    """A square structuring element of `side` x `side` pixels: an array of ones, (side, side)."""
     return np.ones((side, side), np.uint8)
 
 
 def squares(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
-    """Yield (row, column) slices of the squares into which an array is cut, smaller at its right and lower edges."""
+    """Yield (row, column) slices of squares of `side` pixels that fill an array; those at its end may be smaller."""
     for row, column in product(*(range(0, n, side) for n in shape)):
         yield slice(row, row + side), slice(column, column + side)
 
 
 def grown(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
-    """The mask (row, column), dilated by a square of `side` x `side` pixels."""
+    """The mask (row, column), dilated by a square of `side` x `side` pixels (morphological dilation)."""
     import cv2
 
     return np.asarray(cv2.dilate(mask.view(np.uint8), square(side))).view(np.bool_)
@@ -35,16 +35,16 @@ def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
 
 
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
-    """The mask (row, column), opened: True in all squares of `side` x `side` pixels that the mask covers completely."""
+    """The mask (row, column), opened: True in all squares of `side` x `side` pixels in which the mask is all True."""
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)
 
 
 def box_sum(values: npt.NDArray[Any], side: int, depth: int = -1) -> npt.NDArray[Any]:
-    """Sum of values (row, column) over the `side` x `side` pixels around each; values outside the image are 0.
+    """Sum of values (row, column) over the `side` x `side` pixels around each pixel; values outside the image are 0.
 
-    The result has the type of the values, or that of the OpenCV `depth`. Integers are summed exactly.
+    The result has the data type of the values, or the OpenCV type `depth` if given. Sums of integers are exact.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""Pictures in natural colours: what `Scene.plot`, `Result.plot`, and the option --picture show."""
+"""Pictures of scenes in natural colours, for `Scene.plot`, `Result.plot` and the option --picture."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -15,7 +15,7 @@ GAMMA = 1.8  # gamma correction: a picture shows x ** (1 / GAMMA) for values x f
 
 
 def axes(ax: Any, wanted_by: str) -> Any:
-    """`ax`, or if None the matplotlib axes of a new figure. Raises InputError: matplotlib is not installed."""
+    """Return `ax`, or new matplotlib axes if None; without matplotlib, raise InputError, which names `wanted_by`."""
     try:
         import matplotlib.pyplot as plt
     except ImportError:
@@ -24,7 +24,7 @@ def axes(ax: Any, wanted_by: str) -> Any:
 
 
 def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
-    """Draw views of a scene (objects of class `Scene`) side by side on matplotlib axes, in one stretch; see `axes`."""
+    """Draw versions of one scene (`Scene` objects) side by side with the same stretch, on `axes(ax, wanted_by)`."""
     ax, first = axes(ax, wanted_by), scenes[0]
     bands = first.rgb(range(len(first.bands)))
     ax.imshow(np.hstack(natural_colour([thinned(s.source, first.shape, bands) for s in scenes])))
@@ -33,7 +33,7 @@ def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
 
 
 def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
-    """0-based bands of a source of this `shape`, (band, row, column): at most `LONGEST_PICTURE` rows and columns."""
+    """Read 0-based bands of a source of `shape` (band, row, column), thinned to at most `LONGEST_PICTURE` pixels."""
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
     side = step * max(1, AT_ONCE // step)
@@ -46,11 +46,11 @@ def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> n
 
 
 def natural_colour(images: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[np.uint8]]:
-    """Images (red, green and blue, row, column) as pictures (row, column, 3) with one stretch; NaN is black.
+    """Convert images (band, row, column) of red, green and blue to pictures (row, column, 3) with the same stretch.
 
-    The last image is without glint. If the first is brighter in the mean of every band, the bands are divided by the
-    mean difference of the two, so that glint is white. All bands then have the same black, the 1st percentile of the
-    darkest band of the last image; and the same white, the highest 99.5th percentile of it, or 90th of the first image.
+    The last image is the one without glint. If the first is brighter in the mean of every band, all bands are divided
+    by the mean difference of the two, so that glint is white. Black is then the lowest 1st percentile of the bands of
+    the last image, white their highest 99.5th percentile or the first image's highest 90th if larger. NaN is black.
     """
     first, last = images[0], images[-1]
     glint = np.array([np.nanmean(a - b) if np.isfinite(a - b).any() else 0.0 for a, b in zip(first, last, strict=True)])

@@ -1,4 +1,4 @@
-"""Pictures of the result: before and after, side by side, with the same contrast stretch."""
+"""A picture of a scene before and after the removal, side by side, with the same contrast stretch."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from .scene import Scene
 
 
 def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
-    """A PNG of the scene beside its correction, the file `result`, in one stretch; captions name bands and method."""
+    """Draw a scene beside its correction, the file `result`; return a PNG as bytes. Captions name bands and method."""
     import cv2
 
     known = [f.band for f in model.fits] or range(len(scene.bands))

@@ -35,7 +35,7 @@ class Band:
     group : str, optional
         Name of a group; bands of the same group are recorded at (nearly) the same time.
     saturation : float, optional
-        Physical value from which on the band is saturated.
+        Smallest physical value at which the band is saturated.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Source(Protocol):
     """Protocol of objects that read the pixels of a scene (made by `deglint.raster`; thread-safe)."""
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values of 0-based bands in a window, (band, row, column); NaN where not valid."""
+        """Physical values of 0-based bands in a window of the scene, (band, row, column); NaN where not valid."""
         ...
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A multispectral raster, opened lazily.
+    """A multispectral image of which pixels are only read when they are needed.
 
     Attributes
     ----------
@@ -112,16 +112,16 @@ class Scene:
         Raises
         ------
         InputError, ReadError
-            matplotlib is not installed; the file cannot be read.
+            If matplotlib is not installed, or if the file cannot be read.
         """
         from .plotting import drawn
 
         return drawn([self], ax, "Scene.plot")
 
     def rgb(self, among: Sequence[int]) -> list[int]:
-        """0-based indexes of the bands in `among` nearest to red, green and blue.
+        """0-based indexes of those bands in `among` whose wavelengths are nearest to red, green and blue.
 
-        If fewer than three wavelengths are known: the first three bands, repeated if there are fewer.
+        If fewer than three wavelengths are known, the first three of `among` are returned, repeated if it has fewer.
         """
         waves = {b: w for b in sorted(among) if (w := self.bands[b].wavelength)}
         if len(waves) < 3:
@@ -130,7 +130,7 @@ class Scene:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Number of bands, rows and columns."""
+        """Numbers of bands, rows and columns."""
         return len(self.bands), self.height, self.width
 
     @property
@@ -156,7 +156,7 @@ class Scene:
         Raises
         ------
         BandError, ReadError
-            A band is not in the scene; the file cannot be read.
+            If a band is not in the scene, or if the file cannot be read.
         """
         window = window or ((0, self.height), (0, self.width))
         indexes = range(len(self.bands)) if bands is None else [self.index(b) for b in bands]
@@ -168,7 +168,7 @@ class Scene:
         Raises
         ------
         BandError
-            No such band; the message lists the bands.
+            If there is no such band; the message lists the bands.
         """
         names = [name.casefold() for name in self.names]
         if isinstance(band, str):
@@ -179,7 +179,7 @@ class Scene:
         raise BandError(f"no band {band!r} in {self.path or 'the scene'}; it has {self.describe_bands()}")
 
     def describe_bands(self) -> str:
-        """One line with numbers (from 1), names and known wavelengths of the bands."""
+        """List the bands in one line of text: their numbers (from 1), names and known wavelengths."""
         return ", ".join(
             f"{i} {b.name}" + (f" ({b.wavelength:g} nm)" if b.wavelength else "")
             for i, b in enumerate(self.bands, start=1)

@@ -1,4 +1,4 @@
-"""Sensor presets: bands, band delays, and optics.
+"""Sensor presets: for each sensor, its bands, band delays and optics.
 
 The data are in `sensors.toml` beside this module, with their sources. Values that are not known are None. A status says
 where values come from: "verified" (a public source was read), "unverified" (often quoted, but no source was read) or
@@ -21,7 +21,7 @@ UNVERIFIED = "unverified"
 
 @dataclass(frozen=True, slots=True)
 class SensorBand:
-    """One band of a sensor."""
+    """One band of a sensor: name, wavelength and width [nm], and time offset [s]."""
 
     name: str  # as the manufacturer calls it
     wavelength: float  # centre [nm]
@@ -32,14 +32,14 @@ class SensorBand:
     group: str | None = None  # a name; bands with the same group are taken at (nearly) the same time
 
     def answers_to(self, name: str) -> bool:
-        """Whether `name` is this band's name or an alias (case, blanks and punctuation do not matter)."""
+        """Whether `name` is this band's name or one of its aliases; case, blanks and punctuation are ignored."""
         wanted = normalise(name)
         return any(wanted == normalise(own) for own in (self.name, *self.aliases))
 
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """Optics of a sensor."""
+    """Optics of a sensor: aperture and focal length [m], pixel pitch [um] and f-number; None where not known."""
 
     aperture: float | None = None  # diameter [m]
     focal_length: float | None = None  # [m]
@@ -50,7 +50,7 @@ class Optics:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A sensor preset."""
+    """A sensor preset: bands, optics, aliases, and the source and status of the data."""
 
     name: str  # short name
     title: str  # full name
@@ -66,7 +66,7 @@ class Sensor:
     sources: tuple[str, ...] = ()  # of the data
 
     def product(self, count: int) -> tuple[SensorBand, ...]:
-        """The bands of the product with `count` bands, in order; empty if no product is known, or the order varies.
+        """Bands, in order, of the product with `count` bands; empty if there is none, or if the order of bands varies.
 
         >>> [b.name for b in load("sentinel2").product(4)]
         ['B02', 'B03', 'B04', 'B08']
@@ -90,12 +90,12 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> Sensor:
-    """The sensor preset with this name or alias (case, blanks and punctuation do not matter).
+    """The sensor preset with this name or alias; case, blanks and punctuation are ignored.
 
     Raises
     ------
     InputError
-        No such preset; the message lists the choices.
+        If there is no such preset; the message lists the presets.
 
     Examples
     --------
@@ -112,13 +112,13 @@ def load(name: str) -> Sensor:
 
 
 def find(name: str) -> Sensor | None:
-    """The sensor preset with this name or alias, as `load`, but None if there is no such preset."""
+    """The sensor preset with this name or alias, as in `load`, but None if there is no such preset."""
     wanted, every = normalise(name), _table().values()
     return next((s for s in every if wanted in map(normalise, (s.name, *s.aliases))), None)
 
 
 def normalise(name: str) -> str:
-    """Lower case, letters and digits only: "Red Edge" and "REDEDGE" become "rededge"."""
+    """Convert a name to lower case and remove all but letters and digits: "Red Edge" becomes "rededge"."""
     return re.sub(r"[\W_]+", "", name.casefold())
 
 
@@ -132,7 +132,7 @@ def _table() -> dict[str, Sensor]:
 
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
-    """Make a sensor from a checked entry of `sensors.toml`, or of a file like it."""
+    """Make the sensor `name` from `entry`, a table of `sensors.toml`, or of a checked file with the same format."""
     values = {"width_status": entry["wavelength_status"], **entry, "name": name}
     time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
     values["bands"] = [(time_status if "time_offset" in band else {}) | band for band in entry["bands"]]

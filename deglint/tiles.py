@@ -1,8 +1,8 @@
-"""Cut a scene into tiles and run work over them on threads: bounded memory, results in order.
+"""Cut a scene into tiles and process them on threads, with bounded memory and results in the order of the tiles.
 
-Tiles start at multiples of the statistics' cells (`deglint.moments.CELL`), so what is fitted does not depend on their
-size, and at multiples of the file's blocks where that is possible, so every block is read once. Workers read and
-compute while the calling thread takes the results in the order of the tiles and writes them.
+Tiles start at multiples of the cells of statistics (`deglint.moments.CELL`), so a fit does not depend on their size.
+Where possible they also start at multiples of the file's blocks, so every block is read once. Worker threads read and
+compute, while the calling thread takes the results in the order of the tiles and writes them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Tile:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of rows and columns."""
+        """Numbers of rows and columns."""
         return self.row1 - self.row0, self.col1 - self.col0
 
     @property
@@ -57,7 +57,7 @@ class Tile:
         return math.prod(self.shape)
 
     def grown(self, halo: int, height: int, width: int) -> Tile:
-        """The tile with a halo [pixel] around it, cut at the edges of a scene of `height` x `width` pixels."""
+        """The tile and a halo [pixel] around it, cut off at the edges of a scene of `height` x `width` pixels."""
         rows = max(self.row0 - halo, 0), min(self.row1 + halo, height)
         return Tile(*rows, max(self.col0 - halo, 0), min(self.col1 + halo, width))
 
@@ -67,18 +67,18 @@ class Tile:
         return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
 
     def within(self, outer: Tile) -> tuple[Any, slice, slice]:
-        """Index of this tile in an array of a larger tile, (row, column) or (band, row, column)."""
+        """Index that selects this tile in an array of the tile `outer`, (row, column) or (band, row, column)."""
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 
     def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
-        """Number of rows above and below, and of columns left and right, by which `outer` exceeds this tile."""
+        """Numbers of rows above and below, and of columns left and right, by which the tile `outer` exceeds this."""
         above, left = self.row0 - outer.row0, self.col0 - outer.col0
         return above, outer.row1 - self.row1, left, outer.col1 - self.col1
 
 
 def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> tuple[int, int]:
-    """Rows and columns of the tiles for a scene whose file has blocks of (rows, columns)."""
+    """Shape (rows, columns) of the tiles for a scene of this size, whose file has blocks of shape `block`."""
     side = int(math.sqrt(SAMPLES / bands)) // CELL * CELL
     side = min(max(side, CELL), LONGEST_SIDE)
     if block[1] >= width and block[0] < height:  # strips: whole rows, so that none is read twice
@@ -89,10 +89,10 @@ def tile_shape(height: int, width: int, bands: int, block: tuple[int, int]) -> t
 
 
 def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: int) -> tuple[int, int]:
-    """Rows and columns of the tiles for work that needs a halo [pixel], and many copies of a tile in memory.
+    """Shape (rows, columns) of tiles for processing that needs a halo [pixel] and many copies of a tile in memory.
 
     `shape` is the usual shape of tiles, `block` the shape of the file's blocks. With its halo, a tile has at most about
-    `MOST_WITH_HALO` values; within this limit it is wide, so that little is read twice for the halo.
+    `MOST_WITH_HALO` values in all bands. Within this limit it is wide, so that few pixels are read twice for the halo.
     """
     rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
     wide = (MOST_WITH_HALO // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if that is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if this is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -108,7 +108,7 @@ def _side(side: int, block: int, bands: int) -> int:
 
 
 def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
-    """All tiles of a scene in row-major order."""
+    """Cut a scene of `height` x `width` pixels into tiles of `shape` (rows, columns), in row-major order."""
     return [
         Tile(r, min(r + shape[0], height), c, min(c + shape[1], width))
         for r in range(0, height, shape[0])
@@ -117,7 +117,7 @@ def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
 
 
 def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
-    """Select tiles, evenly spread over the scene, that hold about `pixels` pixels; all tiles if they hold fewer.
+    """Select tiles, evenly spread over the scene, with about `pixels` pixels in total; all tiles if they have fewer.
 
     The selection is a regular lattice, shifted from row to row, in row-major order; it depends on the arguments only.
     """
@@ -146,7 +146,7 @@ def default_threads() -> int:
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
-    """Number of threads, at least 1, that can process tiles of (rows, columns) at the same time in bounded memory."""
+    """Number of threads, 1 to `threads`, that process tiles of (rows, columns) at the same time in bounded memory."""
     return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 
@@ -154,10 +154,10 @@ def run(
     everything: Sequence[Tile], work: Callable[[Tile], Result], *, threads: int = 1,
     progress: Callable[[int, int], None] | None = None, start: Callable[[], None] | None = None,
 ) -> Iterator[tuple[Tile, Result]]:  # fmt: skip
-    """Do `work` on every tile and yield (tile, result) in order; at most threads + 1 results wait.
+    """Call `work` on every tile and yield (tile, result) in order; at most threads + 1 tiles are pending at a time.
 
-    Each thread calls `start` before its first tile. `progress` is called with the number of finished and of all tiles.
-    After an error, or if the caller stops iterating, no tile is started any more, and running tiles are finished.
+    Each thread calls `start` before its first tile. `progress` is called with the numbers of finished and of all tiles.
+    After an error, or if the caller stops iterating, no further tile is started, and running tiles are finished.
     """
     total = len(everything)
     with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
@@ -179,9 +179,9 @@ def run(
 
 
 def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], Result]) -> Iterator[Result]:
-    """Combine the results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
+    """Yield the combined results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
 
-    This is the first level of a reduction. It depends on the tiles only, not on the number of threads or workers.
+    `combine` gets the list of results of a row. Its calls do not depend on the number of threads or workers.
     """
     with closing(done):  # type: ignore[type-var]
         for _row0, row in groupby(done, key=lambda one: one[0].row0):

@@ -1,4 +1,4 @@
-"""Progress of a stage as log lines, with its remaining time from the rate of finished tiles."""
+"""Log the progress of a stage of a run, with the remaining time that follows from the rate of finished tiles."""
 
 import logging
 import time
@@ -8,13 +8,13 @@ log = logging.getLogger(__name__)
 
 
 class Reporter:
-    """A progress function that logs at most every `LOG_EVERY` seconds, and not in the first `LOG_EVERY` of a stage."""
+    """A progress function that logs at most every `LOG_EVERY` s, and not in the first `LOG_EVERY` s of a stage."""
 
     def __init__(self) -> None:
         self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0
 
     def left(self, stage: str, done: int, total: int) -> str:
-        """Remaining time of a stage as text, from the mean rate since its first report; "" at the first report."""
+        """Remaining time of a stage as text, from the mean rate since its first report; empty at the first report."""
         now = time.monotonic()
         if stage != self._stage or done <= self._first:
             self._stage, self._first, self._begun, self._said = stage, done, now, now
@@ -30,7 +30,7 @@ class Reporter:
 
 
 def duration(seconds: float) -> str:
-    """A duration [s] as short text.
+    """Convert a duration [s] to a short text in seconds, minutes or hours.
 
     >>> duration(4.4), duration(200), duration(9000)
     ('4 s', '3 min', '2.5 h')

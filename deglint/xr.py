@@ -1,4 +1,4 @@
-"""Glint removal on xarray: DataArray in, DataArray out, lazy where the array is lazy.
+"""Glint removal for xarray: DataArray in, DataArray out; the result for a lazy (Dask) array is lazy.
 
     clean = deglint.xr.remove(scene)  # fits now, corrects when computed
 
@@ -55,7 +55,7 @@ def fit(
     Parameters
     ----------
     array : DataArray
-        Dimensions y, x and band in any order, others of size 1; see `deglint.readers.arrays.open_array`.
+        Scene with the dimensions y, x and band in any order, and others of size 1; see `readers.arrays.open_array`.
     recipe : Recipe or str
         Options of the removal, or the name of a method.
     threads : int, optional
@@ -66,7 +66,7 @@ def fit(
     Returns
     -------
     Fitted
-        Its `model` prints well, and can be saved.
+        The fitted recipe; its `model` can be printed and saved.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def apply(
     array : DataArray
     fitted : Fitted or GlintModel
         The result of `fit`; or a model alone, from this scene or another. With a model alone and `mask` "auto", pixels
-        are computed now, to find water.
+        of a lazy array are computed now, to find water.
     mask : str
         With a model alone: the pixels to correct, as in `Recipe`.
     chain : Chain, optional
@@ -98,17 +98,17 @@ def apply(
     dtype : str, optional
         "float32" or "float64"; by default the type of the array. Values of integer types are rounded and clipped.
     threads, **reading
-        threads, sensor, nodata: as in `fit`.
+        Arguments threads, sensor and nodata, as in `fit`.
 
     Returns
     -------
     DataArray
-        Same dimensions, coordinates and attributes.
+        The corrected scene, with the same dimensions, coordinates and attributes.
 
     Raises
     ------
     InputError, BandError, NoWaterError
-        The bands or the type of the array do not match the fit, or no water is found.
+        If the bands or the type of the array do not match the fit, or no water is found.
     """
     need_xarray()
     opened = open_array(array, **reading)
@@ -187,7 +187,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Process one entry of a further dimension, such as time; an entry without water is copied."""
+    """Call `work` on an array of one entry along a `dimension` such as time; an entry without water is copied."""
     try:
         return work(array)
     except NoWaterError as error:
@@ -197,7 +197,7 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
 
 
 def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
-    """Do `work` on each variable that has a dimension of bands; if none has it, on all variables stacked as bands."""
+    """Call `work` on each variable that has a band dimension; if none has one, on all variables stacked as bands."""
     deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
     if deep:
         return dataset.assign({n: work(dataset[n]) for n in deep})
@@ -208,12 +208,12 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
 def stack(dataset: Any) -> Any:
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
-    If the wavelengths of at least two variables are known, only those variables are bands, not classes or masks.
+    If the wavelengths of at least two variables are known, all other variables, such as masks, are left out.
 
     Raises
     ------
     InputError
-        The variables differ in their dimensions.
+        If the variables differ in their dimensions.
     """
     names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:
@@ -231,7 +231,7 @@ def stack(dataset: Any) -> Any:
 
 
 def need_xarray() -> Any:
-    """The xarray module; raises DeglintError with the command that installs it, if it is missing."""
+    """Return the xarray module; if it is missing, raise DeglintError with the command that installs it."""
     try:
         return import_module("xarray")
     except ModuleNotFoundError as error:
@@ -249,10 +249,10 @@ def over_tiles(
     opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int = 1,
     threads: int | None = None,
 ) -> Any:  # fmt: skip
-    """Run `work` on a scene's tiles: lazily on the chunks of a Dask array; else at once, on threads.
+    """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
-    `work` must be picklable; it can read the tile and `reach` pixels around it. `like` holds the number of bands and
-    the type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples of `step` [pixel].
+    `work` must be picklable; it can read the tile and `reach` pixels around it. `like` is the number of bands and the
+    data type of the result, a (band, row, column) numpy or dask array. Tiles start at multiples of `step` [pixel].
     """
     scene = opened.scene
     if hasattr(opened.values, "dask"):
@@ -282,7 +282,7 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
 def _of_chunk(
     scene: Scene, info: Any, work: Work, reach: int, block: npt.NDArray[Any], block_info: Any = None
 ) -> npt.NDArray[Any]:
-    """Run `work` on a chunk; `block`: the chunk and `reach` pixels around; `block_info` (from dask): its position."""
+    """Call `work` on a chunk; `block` is the chunk and `reach` pixels around; dask's `block_info` has its position."""
     (row0, row1), (col0, col1) = block_info[None]["array-location"][1:]
     tile = Tile(row0, row1, col0, col1)
     outer = tile.grown(reach, scene.height, scene.width)
@@ -290,7 +290,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Sizes [pixel] of chunks along an axis after moving edges up to multiples of `step`; each is at least `least`."""
+    """Sizes [pixel] of chunks along an axis, with edges moved up to multiples of `step`; each is at least `least`."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step
@@ -317,16 +317,16 @@ class Deglint:
         self._given = given
 
     def fit(self, recipe: Recipe | str = "auto", **options: Any) -> Fitted:
-        """Fit a recipe: see `deglint.xr.fit`."""
+        """Fit a recipe to the array or Dataset; see `deglint.xr.fit`."""
         return fit(self._given if hasattr(self._given, "data") else stack(self._given), recipe, **options)
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
-        """Correct with a fitted recipe or model: see `deglint.xr.apply`."""
+        """Correct the array or Dataset with a fitted recipe or model; see `deglint.xr.apply`."""
         work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
         return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
 
     def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:
-        """Fit and correct: see `deglint.xr.remove`."""
+        """Fit a recipe to the array or Dataset and correct it; see `deglint.xr.remove`."""
         return remove(self._given, recipe, **options)
 
 

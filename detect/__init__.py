@@ -1,11 +1,11 @@
-"""detect: find the anomalies of an image, and say how well targets were found.
+"""detect: find anomalies in multispectral images, and measure how well known targets were detected.
 
     import detect
 
     scores = detect.rx(image)  # (band, row, column) -> (row, column)
     detect.score_file("clean.tif", "scores.tif", detect.Recipe(pfa=1e-4), objects="found.geojson")
 
-Each name is loaded at its first use, so that importing detect is fast.
+Each public name is loaded when it is first used, so that importing detect is fast.
 """
 
 import logging
@@ -55,7 +55,7 @@ logging.getLogger(__name__).addHandler(logging.NullHandler())
 if not TYPE_CHECKING:  # with this function, a type checker would accept any name
 
     def __getattr__(name: str) -> object:
-        """Load a public name from its module, at its first use."""
+        """Load a public name from its module when it is first used."""
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

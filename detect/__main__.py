@@ -1,4 +1,4 @@
-"""`python -m detect` is the command `rxdetect`."""
+"""Entry point of `python -m detect`, which runs the command `rxdetect`."""
 
 from .cli import main
 

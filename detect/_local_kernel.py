@@ -1,6 +1,6 @@
-"""The compiled inner loops of `detect.local`: moments of every pixel's ring, and the pixel's distance from them.
+"""Compiled loops of `detect.local`: sums over the ring of pixels around each pixel, and Mahalanobis distances.
 
-The innermost loops run over neighbouring pixels, so that the compiler uses vector instructions.
+A ring is a square window without its centre, the guard. Innermost loops run over pixels: compilers vectorise them.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """out[k] = sum of values[k + m step], m = 0 to `width` - 1, from sums of 1, 2, 4, ... terms; overwrites inputs."""
-    done, span = 0, 1
+    """Fill out[k] with the sum of values[k + m * step] for m = 0 to width - 1; overwrites `values` and `spare`."""
+    done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:
             further = values[done * step :]
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sum first * second along rows: bar, guard and bar into `whole`; only bars into `beside` (see `ring_moments`)."""
+    """Sum first * second along rows, over bar + inner + bar columns (to `whole`), or without inner (to `beside`)."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -56,11 +56,11 @@ def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-un
 
 @njit(nogil=True, cache=True)
 def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
-    """Fill `out` with sums of the products x[i] x[j], j <= i, over the ring of each pixel: four bars around its guard.
+    """Fill `out` with sums of x[i] * x[j], j <= i, over the ring of each pixel: four bars around a square, the guard.
 
-    x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands
-    inner, bar : width of the guard, and of a bar [pixel]
-    out : (products, rows, columns), with `inner` + 2 `bar` - 1 rows and columns fewer than x
+    x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
+    inner, bar : side of the guard, and width of the bars around it [pixel]
+    out : (products, rows, columns), one for each pair (i, j), with `inner` + 2 `bar` - 1 rows and columns fewer than x
     """
     rows, columns = x.shape[1], out.shape[2]
     whole, beside = np.empty((rows, columns)), np.empty((rows, columns))
@@ -81,10 +81,10 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
     """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 and a new `state` where the pivot is lost or inexact.
 
-    pivot : (pixels,), as all arrays: sum of squares of the band in the ring, minus the part that earlier bands explain.
-        It is lost if it is at most `exact` times that sum, and inexact if at most 1000 times as much
-    rest : deviation of the pixel from the mean of its ring, minus the part that earlier bands explain
-    ring : sum of squares of the band, number of pixels of the ring, and deviation of the pixel, before the subtraction
+    pivot : (pixels,), like all arrays: sum of squared deviations of the band in the ring that earlier bands do not
+        explain. It is lost if it is at most `exact` times the sum of squares, and inexact if at most 1000 `exact` times
+    rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
+    ring : sum of squares of the band in the ring, number of pixels in the ring, deviation of the pixel from the mean
     state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE is never replaced
     """
     square, count, away = ring
@@ -102,9 +102,9 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 
 @njit(nogil=True, cache=True, fastmath={"contract"}, error_model="numpy")
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
-    """Compute `distances` of `LANES` pixels at the same time, by a Cholesky factorisation row by row.
+    """Compute `distances` of `LANES` pixels at the same time, by Cholesky factorisations of their covariances.
 
-    `root`, (bands + 1, bands, pixels), is an output: the rows of the Cholesky factor, then the whitened pixels.
+    `root`, (bands + 1, bands, pixels), is filled with the rows of the Cholesky factors, then the whitened pixels.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
@@ -145,12 +145,12 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 
 @njit(nogil=True, cache=True)
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
-    """Squared Mahalanobis distances of pixels from their rings, and states of pixels; `ddof` and `ridge` as `local_rx`.
+    """Squared Mahalanobis distances of pixels from their rings; `ddof` and `ridge` are as in `detect.local.local_rx`.
 
+    sums : (products, pixels), filled by `ring_moments`; x : (bands, pixels), values of the pixels
+    total, state : (pixels,), outputs: the distance, and one of the following states
     DONE: the distance is valid. DEFICIENT: it is valid, but bands that depend linearly on others, in both ring and
     pixel, are left out. ASIDE: it is not valid: the sums are not precise enough, or the ring has too few pixels.
-    sums : (products, pixels), as `ring_moments` fills them; x : (bands, pixels)
-    total, state : (pixels,), outputs: distances and states
     """
     bands, products = len(x), len(sums)
     root = np.zeros((bands + 1, bands, LANES))

@@ -1,4 +1,4 @@
-"""Names for the types of numpy arrays."""
+"""Type aliases of numpy arrays, for type annotations."""
 
 from typing import Any
 

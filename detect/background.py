@@ -1,7 +1,7 @@
-"""The background: mean and covariance of the pixels of a scene, used to score this scene or another.
+"""Background of a scene: mean and covariance of its pixels, used to score this scene or another.
 
-`fit` takes a whole array. `Part` takes tiles, and gives the same background to the bit. A `Background` can be saved;
-`detect.rx` computes scores with it. No file is opened here.
+`fit` computes a `Background` from a whole array. `Part` computes it from tiles, with the same result to the bit. A
+`Background` can be saved as JSON; `detect.rx` computes scores with it. No file is opened here.
 """
 
 import json
@@ -32,15 +32,15 @@ class Background:
     Attributes
     ----------
     n : int
-        Number of pixels in the estimate; for "mcd" the pixels of the sample without outliers.
+        Number of pixels used for mean and covariance; for "mcd", number of pixels in the sample without outliers.
     mean, rest : (bands,) ndarray
         The precise mean is mean + rest; `rest` is the rounding error of `mean`.
     covariance : (bands, bands) ndarray
-        Covariance as estimated by `rule`, divided by n - 1.
+        Covariance (divisor n - 1), estimated with the method `rule`.
     rule : str
         Estimator of the covariance, one of `COVARIANCES`.
     shrinkage : float
-        "ledoit-wolf" and "oas": weight of the identity in the correlation; "ridge": the ridge; else 0.
+        For "ledoit-wolf" and "oas", weight of the identity matrix in the correlation; for "ridge", the ridge; else 0.
     names : tuple of str
         Names of the bands; empty where they are not known.
     """
@@ -64,17 +64,17 @@ class Background:
         return len(estimates.whitener(self.covariance))
 
     def numbers(self) -> dict[str, Any]:
-        """All fields and the rank as plain values for JSON."""
+        """All fields and the rank, as numbers, strings and lists for JSON."""
         shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
         return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}
 
     def to_json(self) -> str:
-        """Text from which `from_json` restores the background to the bit."""
+        """JSON text from which `from_json` restores the background to the bit."""
         return json.dumps(self.numbers(), indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Restore a background from a text. Raises InputError: the text is damaged, or does not come from `to_json`."""
+        """Restore a background from the text of `to_json`. Raises InputError if it is another text, or damaged."""
         try:
             found = json.loads(text)
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
@@ -90,17 +90,17 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Contribution of tiles to the background of a scene: moments of cells (`deglint.moments`), and sampled pixels."""
+    """Contribution of one or more tiles to a background: moments of cells (`deglint.moments`) and sampled pixels."""
 
     cells: CellMoments
-    places: Int64  # (2, samples): rows and columns in the scene
-    values: Array  # (bands, samples)
+    places: Int64  # (2, samples): rows and columns of the sampled pixels in the scene
+    values: Array  # (bands, samples): values of the sampled pixels
 
     @classmethod
     def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
-        One pixel in `share` is sampled; 0: none. The mask, (row, column), is True at pixels of the background.
+        The mask, (row, column), is True in the background. One in `share` of its pixels is sampled; 0: none.
         """
         rows = columns = np.zeros(0, np.int64)
         if share:
@@ -111,9 +111,9 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Self]) -> Self:
-        """Merge parts. All cells at the same height in the scene (a row of cells) become one cell.
+        """Merge parts of a scene. Each row of cells becomes one cell, so merge the parts of each row of tiles first.
 
-        If rows of tiles start at multiples of `deglint.moments.CELL`, any tiling gives the same result to the bit.
+        If tiles start at multiples of `deglint.moments.CELL`, any tiling gives the same result to the bit.
         """
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
@@ -125,7 +125,7 @@ class Part:
         return cls(cells, places, values)
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
-        """Estimate the background from all pixels of the part; parameters and errors as `fit`."""
+        """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
         sample = self.values[:, np.lexsort(self.places[::-1])].T
         moments = Part.merge([self]).cells.by_place().total()
         return estimate(moments, covariance, ridge=ridge, names=names, sample=sample)
@@ -135,7 +135,7 @@ def fit(
     image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
     names: Sequence[str] = (), threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit a background to an array, (band, row, column).
+    """Fit a `Background`, the mean and covariance of the pixels, to an image.
 
     Parameters
     ----------
@@ -144,20 +144,20 @@ def fit(
     mask : (row, column) bool ndarray, optional
         True where a pixel belongs to the background; by default all valid pixels belong to it.
     covariance : str
-        Estimator of the covariance, one of `COVARIANCES`.
+        Estimator of the covariance: "empirical", "ridge", "ledoit-wolf", "oas", or "mcd" (robust).
     ridge : float
-        For "ridge": this share of each band's variance is added to it.
+        Only for "ridge": fraction of each band's variance that is added to it.
     names : sequence of str
         Names of the bands, to store in the background.
     threads : int, optional
-        Number of threads, by default all processors. The result does not depend on it.
+        Number of threads, by default one for each processor. The result does not depend on it.
 
     Raises
     ------
     FitError
-        Fewer than two pixels are valid, or the squares of the values exceed double precision.
+        Fewer than two pixels are valid, or the squares of the values exceed the range of double precision.
     InputError
-        The covariance or the ridge is not allowed, or the shapes of image and mask differ.
+        The value of `covariance` or `ridge` is not allowed, or the shapes of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)
@@ -178,7 +178,7 @@ def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
     sample: Array | None = None,
 ) -> Background:  # fmt: skip
-    """Estimate a background from moments; "mcd" and "ledoit-wolf" also need a sample of the pixels, (pixels, bands)."""
+    """As `fit`, from moments of the pixels; "mcd" and "ledoit-wolf" also need a sample of them, (pixels, bands)."""
     check_rule(covariance, ridge)
     n = moments.n
     if n < 2:
@@ -213,19 +213,19 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """Interval N for a scene of `pixels` pixels: the estimator takes one pixel in N; 0 if it needs no sample."""
+    """Number N: the estimator `covariance` samples one in N of the `pixels` pixels of a scene; 0 if it needs none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
 def check_rule(covariance: str, ridge: float) -> None:
-    """Check the name of the estimator and the value of the ridge. Raises InputError: one is not allowed."""
+    """Check the name of the estimator and the value of the ridge. Raises InputError if one of them is not allowed."""
     check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
 
 
 def as_image(image: Array) -> Array:
-    """Convert to an array. Raises InputError: it is not (band, row, column), or not of real numbers."""
+    """Convert an image to an array. Raises InputError if it is not (band, row, column), or not of real numbers."""
     image = np.asarray(image)
     if image.ndim != 3 or not len(image):
         raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")
@@ -235,7 +235,7 @@ def as_image(image: Array) -> Array:
 
 
 def as_mask(mask: Array | None, image: Array) -> Mask | None:
-    """Convert to a bool array. Raises InputError: it does not have the rows and columns of the image."""
+    """Convert a mask to bool; None stays None. Raises InputError if image and mask differ in rows or columns."""
     if mask is None:
         return None
     mask = np.asarray(mask)

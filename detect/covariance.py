@@ -1,7 +1,7 @@
-"""Covariance of a background (empirical, shrunk or robust), and whitening matrix of any covariance, singular or not.
+"""Estimators of the covariance of a background (shrunk, robust), and whitening matrix of any covariance.
 
-No result depends on the units of the bands: all functions work on the correlation matrix. Bands that do not vary are
-left out; only the independent directions of linearly dependent bands are used.
+The estimators do not depend on the units of the bands, because they standardise the bands. Bands that do not vary are
+ignored. Of linearly dependent bands, only the independent directions are used, so a covariance may be singular.
 
 References
 ----------
@@ -26,16 +26,16 @@ _TRIM = 0.975  # fraction of a normal background that the last, reweighted step 
 
 
 def standardised(covariance: Float64) -> tuple[Float64, Float64]:
-    """Correlation matrix, (bands, bands), and 1 / standard deviation, (bands,); both 0 where a band does not vary."""
+    """Correlation matrix, (bands, bands), and 1 / standard deviation, (bands,); both are 0 for a constant band."""
     with np.errstate(divide="ignore"):
         scale = np.where(np.diag(covariance) > 0, 1 / np.sqrt(np.diag(covariance)), 0.0)
     return covariance * scale[:, None] * scale, scale
 
 
 def whitener(covariance: Float64) -> Float64:
-    """Whitening matrix W, (rank, bands): the components of W x are uncorrelated and have unit variance.
+    """Whitening matrix W, (rank, bands): for a pixel x, the components of W x are uncorrelated, with unit variance.
 
-    W^T W is the inverse of the covariance. If the covariance is singular, it is a pseudo-inverse, computed from the
+    W^T W is the inverse of the covariance. If the covariance is singular, W^T W is a pseudo-inverse, computed from the
     correlation, so that it does not depend on the units. Columns of bands that do not vary are 0.
     """
     correlation, scale = standardised(covariance)
@@ -45,7 +45,7 @@ def whitener(covariance: Float64) -> Float64:
 
 
 def ridged(covariance: Float64, ridge: float) -> Float64:
-    """Covariance with `ridge` times each band's own variance added to its diagonal."""
+    """Add `ridge` times the variance of each band to the diagonal of a covariance, (bands, bands)."""
     return covariance + ridge * np.diag(np.diag(covariance))
 
 
@@ -55,7 +55,7 @@ def shrunk(covariance: Float64, shrinkage: float) -> Float64:
 
 
 def oas_shrinkage(covariance: Float64, n: int) -> float:
-    """Weight of the identity by oracle-approximating shrinkage (Chen et al. 2010, eq. 23), for n normal pixels."""
+    """Weight for `shrunk` by oracle-approximating shrinkage (Chen et al. 2010, eq. 23), for n Gaussian pixels."""
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
     if p < 2:
@@ -66,9 +66,9 @@ def oas_shrinkage(covariance: Float64, n: int) -> float:
 
 
 def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float:
-    """Weight of the identity by Ledoit and Wolf (2004, lemmas 3.2-3.4), for n pixels.
+    """Weight for `shrunk` as in Ledoit and Wolf (2004, lemmas 3.2-3.4), for the covariance of n pixels.
 
-    The covariance is divided by n, not n - 1. `sample`, (pixels, bands): some or all of the n pixels, minus their mean.
+    The covariance has the divisor n, not n - 1. `sample`, (pixels, bands), holds some or all pixels minus the mean.
     """
     correlation, scale = standardised(covariance)
     p = int(np.count_nonzero(scale))
@@ -81,12 +81,12 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 
 
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
-    """Robust mean and covariance of a sample by the minimum covariance determinant, and number of pixels in them.
+    """Robust mean, covariance (by the minimum covariance determinant), and number of pixels from which they result.
 
-    `sample`, (pixels, bands), must be finite. The core is the fraction `keep`, 0.5 to 1, of the pixels whose covariance
-    has the smallest determinant. Concentration steps (Rousseeuw and Van Driessen 1999, theorem 1) search it from three
-    deterministic estimates, after Hubert et al. (2012). Mean and covariance are then computed from all pixels near the
-    core, and the covariance is scaled to be consistent for a normal background: some dozen passes over the sample.
+    `sample`, (pixels, bands), must be finite. The core is the subset of the fraction `keep`, 0.5 to 1, of the pixels
+    that has the smallest determinant of the covariance. Concentration steps (Rousseeuw and Van Driessen 1999, theorem
+    1) find it from three deterministic estimates (Hubert et al. 2012). Mean and covariance are then computed from
+    all pixels near the core. The covariance is scaled to be consistent for a normal background.
     """
     from scipy.stats import chi2
 
@@ -111,7 +111,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """Three starts, (mean, covariance), of `_concentrate`; x, (pixels, bands), has median 0 and robust deviation 1."""
+    """Three initial estimates (mean, covariance) for `_concentrate`; x and `count` are the same as there."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
@@ -126,9 +126,9 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Fit mean and covariance to the `count` pixels nearest to the previous mean, until the determinant stops falling.
+    """Refit a mean and covariance to the `count` pixels nearest to the mean, until the determinant stops falling.
 
-    `x` is (pixels, bands), `mean` and `covariance` are the start. Returns both, and the logarithm of the determinant.
+    `x`, (pixels, bands), has median 0 and robust deviation 1. Returns mean, covariance, logarithm of the determinant.
     """
     before = np.inf
     for _ in range(_STEPS):

@@ -1,7 +1,7 @@
-"""RX line by line, compared with the lines before: for push-broom sensors, on board, in bounded memory.
+"""RX line by line: each line is compared with the lines before, in bounded memory, for push-broom sensors.
 
 Mean and covariance are exponential averages over the previous lines. A line is scored first, and then added to the
-averages without its pixels of high scores, so that a target is not part of its own background. If at least half of a
+averages without its pixels with high scores, so that a target is not part of its own background. If at least half of a
 line has high scores, the background has changed, and the whole line is added.
 """
 
@@ -23,12 +23,12 @@ _LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: coll
 
 
 class LineScorer:
-    """RX of successive lines of an image; keeps mean and covariance of the lines before.
+    """RX scorer for successive lines of an image; it stores the mean and covariance of the lines before.
 
     Parameters
     ----------
     lines : int
-        Time constant of the exponential averages [line].
+        Time constant of the exponential averages [line]: each new line multiplies older weights by 1 - 1 / `lines`.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class LineScorer:
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
-        """Squared Mahalanobis distance of every pixel of a line from the lines before; then the averages are updated.
+        """Score a line: squared Mahalanobis distance of every pixel from the lines before. Then update the averages.
 
         Parameters
         ----------
@@ -58,7 +58,7 @@ class LineScorer:
         Returns
         -------
         (column,) ndarray of float32
-            NaN where not valid, and until the statistics have enough pixels.
+            NaN where not valid, and in the first lines, until the averages contain 4 pixels per band.
 
         Raises
         ------

@@ -2,10 +2,10 @@
 
 The background of a pixel is its ring: a square window of `outer` x `outer` pixels without its centre, the guard, of
 `inner` x `inner` pixels. For few bands, the moments of the ring are sums over the window; their cost grows with the
-logarithm of `outer`. For many bands, and where the sums are not precise enough, each pixel is computed from the pixels
-of its ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
-The ring is the sum of four bars around the guard, not the difference of two squares, and the sums never subtract a
-value. So an extreme pixel does not reduce the precision of rings that do not contain it.
+logarithm of `outer`. For many bands, and where the sums are not precise enough, each score is computed from the pixels
+of the ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
+A sum over the ring adds four bars around the guard. It is not the difference between the sums of two squares, so that
+an extreme pixel does not reduce the precision in rings that do not contain it.
 
 References
 ----------
@@ -35,13 +35,13 @@ STATES = {
     DEFICIENT: "the ring's covariance has not full rank: pseudo-inverse",
     TOO_FEW: "the ring has too few valid pixels: no score",
 }
-"""Values of `flags` in `local_rx` and their meanings; 0 where there is nothing to note."""
+"""Values of the array `flags` of `local_rx`, and their meanings; 0 for an ordinary score."""
 _DIRECT = 255  # state (`ASIDE` of `_local_kernel`) of pixels computed one by one: sums are slow or imprecise
 
 
 @dataclass(frozen=True)
 class WindowRule:
-    """Checked parameters of `local_rx`, and `size`, the number of rows and columns of the whole scene."""
+    """Parameters of `local_rx`, which are checked, and `size`, the number of rows and columns of the whole scene."""
 
     inner: int
     outer: int
@@ -80,18 +80,18 @@ def local_rx(
     image : (band, row, column) ndarray
         Any real type, any units.
     inner, outer : int
-        Sides of the guard, and of the window whose other pixels are the background [pixel]; odd, inner < outer.
+        Sides of the guard and of the window [pixel], odd, inner < outer. The ring is the window without the guard.
     mask : (row, column) bool ndarray, optional
-        True where a pixel is used; the others are in no ring, and score NaN.
+        True where a pixel is used. The other pixels are in no ring, and their score is NaN.
     flags : (row, column) uint8 ndarray, optional
-        Output array: it is filled with 0, or a key of `STATES`.
+        Output array. It is filled with 0 for an ordinary score, or with a key of `STATES`.
     threads : int
         Number of threads. The result does not depend on it.
     **options
-        border, where the window reaches beyond the image: "shrink" (default) ignores the part outside; "mirror"
-        mirrors the image at its edge; "shift" moves window and guard inside, each by the smallest distance. ddof, 1 by
-        default: the covariance is divided by pixels - ddof; most publications use 0. ridge, 0 by default: share of
-        each band's variance that is added to it.
+        border: for windows that extend beyond the image, "shrink" (default) ignores the part outside, "mirror" mirrors
+        the image at its edge, and "shift" moves window and guard inside, each by the smallest distance. ddof: the
+        divisor of the covariance is the number of pixels minus ddof (default 1; most publications use 0). ridge:
+        fraction of each band's variance that is added to it (default 0).
 
     Returns
     -------
@@ -102,7 +102,7 @@ def local_rx(
     Raises
     ------
     InputError
-        `inner` and `outer` are not allowed, the window is too large for the border rule, or shapes differ.
+        `inner` and `outer` are not allowed, the window is too large for the border rule, or the shapes differ.
 
     Examples
     --------
@@ -132,9 +132,9 @@ def score_part(
 ) -> Scores:  # fmt: skip
     """Scores of the tile `part` of a scene, (row, column), from a block that contains the tile and its halo.
 
-    `block`, (band, row, column), has the pixels of the tile `held`: `part` and its halo, which ends at the edge of the
-    scene. The first row and column of `part` are multiples of `CELL`. The mask has the rows and columns of the block,
-    the flags those of the part. Other parameters as `local_rx`.
+    `block`, (band, row, column), holds the pixels of the tile `held`: `part` and its halo, cut at the edges of the
+    scene. The first row and column of `part` are multiples of `CELL`. `mask` has the rows and columns of `block`,
+    `flags` those of `part`. `rule` holds the sides of the window; the other parameters are as in `local_rx`.
     """
     dtype = np.float64 if block.dtype == np.float64 else np.float32
     scores = np.full(part.shape, np.nan, dtype)
@@ -155,7 +155,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and states (`STATES`) of a cell, (row, column); `good`: valid pixels of `block`, `held`: its tile."""
+    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good`: valid pixels of `block`."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():
@@ -179,7 +179,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """A cell and its halo, (1 + band, row, column): first 1, then the bands minus their median; all 0 if not valid."""
+    """Array x for `ring_moments`: 1, then bands minus their median, of `cell` and its halo; all are 0 if not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
@@ -196,7 +196,7 @@ def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) 
 
 
 def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: WindowRule) -> tuple[float, int]:
-    """Score and state (`STATES`) of the pixel at row and column `place` of the scene, from the pixels of its ring."""
+    """Score and state (0 or a key of `STATES`) of the pixel at (row, column) `place` of the scene, from its ring."""
     corner, outer, inner = [], [], []
     for at, size in zip(place, rule.size, strict=True):
         places = _places(at, size, rule.outer, rule.border)
@@ -224,7 +224,7 @@ def _direct(block: Array, good: Mask, held: Tile, place: tuple[int, int], rule: 
 
 
 def _places(at: int, size: int, side: int, border: str) -> Int64:
-    """Rows in the window of `side` rows around row `at`, if the scene has `size` rows; mirrored rows occur twice."""
+    """Rows of a window of `side` rows around row `at` in a scene of `size` rows; rows that are mirrored occur twice."""
     first = at - side // 2
     if border == "shift":
         first = min(max(first, 0), size - side)
@@ -236,7 +236,7 @@ def _places(at: int, size: int, side: int, border: str) -> Int64:
 
 
 def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """d^T M^+ d with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,); and whether M has full rank.
+    """Compute d^T M^+ d, with M = R^T R + `ridge` * diag(R^T R) and d = `away`, (band,), and whether M has full rank.
 
     M^+ is the pseudo-inverse. R = `ring`, (pixel, band), holds deviations from the mean, times sqrt(weight) = `root`.
     """
@@ -255,7 +255,7 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
 
 
 def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """`_inverse_form` for many bands, by Cholesky of M, or (few pixels, no ridge) of R R^T as |(R R^T)^+ R d|^2."""
+    """As `_inverse_form`, by the Cholesky factor of M, or for few pixels of R R^T, as |(R R^T)^+ R d|^2 (no ridge)."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape

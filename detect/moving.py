@@ -30,18 +30,18 @@ _SLOWEST = 0.25  # minimum displacement between the first and the last band [pix
 
 @dataclass(frozen=True)
 class Mover:
-    """Place and motion of a boat."""
+    """Position and motion of a boat."""
 
     row: float  # at the time 0 of the delays [pixel]
     column: float  # at the time 0 of the delays [pixel]
     speed: float  # [m/s]
     heading: float  # direction of the motion, clockwise from the upward direction of the image [degree]
-    error: float  # root mean square distance of its places from a uniform motion [pixel]
+    error: float  # root mean square distance of its detections from a uniform motion [pixel]
     contrast: float  # peak contrast in the band where it is lowest [robust standard deviation]
 
 
 def _contrast(band: Float32, water: Mask) -> Float32:
-    """Pixel minus mean of the pixels of `water` around it [robust standard deviation], (row, column); 0 for NaN."""
+    """Contrast, (row, column): pixel minus mean of the water around it [robust standard deviation]; 0 where NaN."""
     known = water & np.isfinite(band)
     total, count = (box_sum(v.astype(np.float32), _WATER_WINDOW) for v in (np.where(known, band, 0), known))
     away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)
@@ -51,12 +51,12 @@ def _contrast(band: Float32, water: Mask) -> Float32:
 def find_moving(
     image: npt.ArrayLike, delays: Sequence[float], *, pixel: float, water: npt.ArrayLike | None = None
 ) -> list[Mover]:
-    """Find boats that moved between the bands of an image, (band, row, column), that is registered to the ground.
+    """Find boats that move between the times of the bands of an image, (band, row, column), aligned on the ground.
 
-    `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], `water`, (row,
-    column), is the mask of the pixels to search. Boats are in order of descending contrast. The list is empty if there
-    are so many detections that motions are expected by chance. Raises InputError: image and delays do not fit, fewer
-    than three times differ, or the pixel is not above 0 m.
+    `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], and `water`, (row,
+    column), is the mask of the pixels to search (default: all). The result is in order of descending contrast. It is
+    empty if so many places have a high contrast that some fit a motion by chance. Raises InputError if there is not one
+    delay for each band, fewer than three delays differ, or `pixel` is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -81,7 +81,7 @@ def find_moving(
 
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
-    """Row, column (means weighted by contrast), and peak contrast of detections in the mask `sea`, (detection, 3)."""
+    """Detections in the mask `sea`, (detection, 3): row and column (means weighted by contrast), and peak contrast."""
     from scipy import ndimage
 
     from .objects import label
@@ -93,9 +93,9 @@ def _peaks(contrasts: Float32, sea: Mask) -> Float64:
 
 
 def _followed(start: Float64, first: int, places: Sequence[Float64], times: Float64, pixel: float) -> Mover | None:
-    """The boat at the detection `start` of the band `first`, with the motion that fits detections in all bands best.
+    """Find the uniform motion from the detection `start` of the band `first` that fits detections in all bands best.
 
-    `places`: detections of each band, (detection, 3); `times` [s], `pixel` [m]. None: no motion of allowed speed fits.
+    `places` holds the detections of each band (see `_peaks`), `times` is in s, `pixel` in m. None if no motion fits.
     """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])

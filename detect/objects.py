@@ -1,4 +1,4 @@
-"""Objects are connected parts of a mask of detected pixels; each has a score, a size, a place and an outline.
+"""Objects are connected parts of a mask of detected pixels; each has a score, a size, a position and an outline.
 
 No file is opened here. Row 0, column 0 is the upper left pixel of the array; outlines run along the edges of pixels.
 """
@@ -26,7 +26,7 @@ bright pixel is noise or an artefact of the removal."""
 
 @dataclass(frozen=True, eq=False)
 class Object:
-    """A detected object.
+    """A detected object: detected pixels that touch, or are near each other.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Object:
     footprint : (rows, columns) ndarray of bool
         True at the detected pixels, within `bounds`.
     score_top : float
-        Peak and extent in one number: root mean square of the three highest scores; a missing pixel counts as 0.
+        Root mean square of the three highest scores (0 for missing pixels): combines peak and extent.
     scores : (size,) ndarray
         Scores of the detected pixels, in row-major order.
     """
@@ -85,7 +85,7 @@ def find(
 
     Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
     pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
-    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError: shapes differ, or an option is not allowed.
+    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError if shapes differ or values are not allowed.
 
     Examples
     --------
@@ -105,10 +105,10 @@ def find_among(
     rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
     pixel_area: float | None = None, above: float = -math.inf,
 ) -> list[Object]:  # fmt: skip
-    """`find` for scenes that do not fit into memory: from rows, columns and scores of detected pixels, (pixels,) each.
+    """As `find`, from the rows, columns and scores of some pixels, (pixels,) each, in place of arrays of the scene.
 
-    The pixels are in row-major order. Only pixels with a score greater than `above` belong to objects. The other pixels
-    connect the parts of an object, and count only for its `score_top`.
+    The pixels are in row-major order. Pixels with a score greater than `above` are the detected pixels of the objects.
+    The other pixels only connect the parts of an object, and count for its `score_top`.
     """
     if min_size < 1:
         raise InputError(f"min_size: allowed is 1 pixel or more, got {min_size}.")
@@ -145,7 +145,7 @@ def find_among(
 
 
 def label(mask: Mask) -> Int32:
-    """Number the connected parts of a mask, (row, column), from 1; 0 elsewhere. Corners connect pixels, too."""
+    """Label the connected parts of a mask, (row, column), with 1, 2, ...; 0 elsewhere. Corners connect pixels, too."""
     import cv2
 
     if mask.size == 0:  # OpenCV crashes
@@ -154,9 +154,9 @@ def label(mask: Mask) -> Int32:
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
-    """GeoJSON FeatureCollection (RFC 7946) of objects: outlines, and label, scores, size and place as properties.
+    """GeoJSON FeatureCollection (RFC 7946) of objects: outlines, and label, scores, size and position as properties.
 
-    `move` converts (column, row) corners to longitude and latitude; without it, the coordinates are (column, row).
+    `move` converts (column, row) corners to (longitude, latitude); without it, the coordinates are (column, row).
     """
     features = []
     for o in objects:

@@ -38,10 +38,10 @@ _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 
 @dataclass(frozen=True)
 class Method:
-    """Entry of the table of detectors.
+    """Entry of `METHODS`, the table of detectors.
 
     `matrices` computes `Detector.whiten`, and for some detectors `Detector.linear`, from (background, whitener, drop,
-    nir). `matrices` is None for a detector that does not compare with one background for the whole scene.
+    nir). It is None for a detector without a single background for the whole scene.
     """
 
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
@@ -51,7 +51,7 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A fitted detector.
+    """A detector that is fitted to a background.
 
     The score of a pixel x, (bands,), is |whiten d|^2 + linear . d, with d = x - mean - rest.
     """
@@ -65,8 +65,8 @@ class Detector:
 def detector(method: str, background: Background, *, drop: int = 1, nir: Sequence[int] = ()) -> Detector:
     """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
 
-    "subspace" leaves out `drop` leading eigenvectors; "residual" regresses the other bands on bands `nir` (0-based).
-    Raises InputError: no eigenvector or no band is left. Raises FitError: no band of the background varies.
+    "subspace" leaves out `drop` leading eigenvectors; "residual" regresses other bands on the bands `nir` (0-based).
+    Raises InputError if no eigenvector or band is left, and FitError if no band of the background varies.
     """
     known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
     check_choice(method, list(known), "method")
@@ -77,7 +77,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
 
 
 def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads: int = 1) -> Scores:
-    """Scores of a block, (band, row, column), as `rx` returns them: NaN where not finite, or outside the mask."""
+    """Scores, (row, column), of a block, (band, row, column); NaN where it is not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
         raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
@@ -102,7 +102,7 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
 
 
 def _fill(flat: Array, detector: Detector, out: Scores) -> None:
-    """Fill `out` with the scores of `flat`, (bands, pixels)."""
+    """Fill `out`, (pixels,), with the scores of the pixels `flat`, (bands, pixels)."""
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
@@ -121,7 +121,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
 
 
 def _likeness(background: Background, whiten: Float64) -> Float64:
-    """C^-1 (1 - mean), (bands,): filter of the uniform target detector, with 1 in all bands and the covariance C."""
+    """Filter of the uniform target detector, (bands,): C^-1 (1 - mean), with the covariance C, and 1 in all bands."""
     return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
 
 
@@ -168,7 +168,7 @@ METHODS = {
         lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
     ),
 }
-"""All detectors; those with `matrices` compare with one background for the whole scene."""
+"""All detectors by name; those with `matrices` compare pixels with one background for the whole scene."""
 
 
 @checked_keywords()
@@ -181,19 +181,17 @@ def rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type, any units: the scores do not depend on them. Pixels that a masked array masks in any band are
-        not valid.
+        Any real type and any units: the scores do not depend on them. In a numpy masked array, pixels that are masked
+        in any band are not valid.
     background : Background or (row, column) bool ndarray, optional
-        A background fitted before, also to another scene; or a mask, True where the background is to be fitted. By
-        default it is fitted to all valid pixels.
+        A background that is already fitted, to this or another scene; or a mask that is True at the pixels to which
+        it is fitted. By default, it is fitted to all valid pixels.
     mask : (row, column) bool ndarray, optional
-        True where a pixel is used; the others are not in the background, and their score is NaN.
+        True where a pixel is used. The others are not in the background, and their score is NaN.
     nodata : float, optional
-        Value of pixels that are not valid, in any band. NaN is never valid.
-    covariance, ridge
-        As `detect.background.fit`.
-    threads : int, optional
-        As `detect.background.fit`.
+        A pixel with this value in any band is not valid. NaN is never valid.
+    covariance, ridge, threads : str, float, int
+        As in `detect.background.fit`.
 
     Returns
     -------
@@ -203,8 +201,10 @@ def rx(
 
     Raises
     ------
-    FitError, InputError
-        As `detect.background.fit`.
+    FitError
+        As in `detect.background.fit`; also if no band of the background varies.
+    InputError
+        As in `detect.background.fit`; also if image and background differ in the number of bands.
 
     Examples
     --------
@@ -223,13 +223,13 @@ def rx(
 
 @checked_keywords()
 def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """Uniform target detector (1 - mean)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as `rx`."""
+    """Uniform target detector (UTD): (1 - mean)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); see `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """RX minus UTD, (x - 1)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as `rx`."""
+    """`rx` minus `utd`: (x - 1)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as in `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
@@ -237,9 +237,9 @@ def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: M
 def subspace_rx(
     image: Array, background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
 ) -> Scores:
-    """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007); other parameters as `rx`.
+    """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007); other parameters as in `rx`.
 
-    The leading eigenvector of a glinted sea is glint: leaving it out is a linear way to suppress it.
+    For a sea with glint, the leading eigenvector is the glint; RX without it suppresses the glint linearly.
     """
     return _run("subspace", image, background, mask, drop=drop)
 
@@ -248,13 +248,13 @@ def subspace_rx(
 def residual_rx(
     image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
-    """RX of the residuals of the bands after regression on reference bands; other parameters as `rx`.
+    """RX of the residuals of the bands after regression on reference bands; other parameters as in `rx`.
 
     Parameters
     ----------
     nir : sequence of int
-        0-based reference bands. The score is RX on all bands minus RX on the reference bands alone: anomalies that
-        only the reference bands show do not count.
+        0-based indices of the reference bands. The score is RX of all bands minus RX of the reference bands alone, so
+        that anomalies only in the reference bands do not count.
     """
     return _run("residual", image, background, mask, nir=nir)
 
@@ -263,7 +263,7 @@ def _run(
     method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
-    """Score an image with a method; fit the background first if none is given. Parameters as `rx` and `detector`."""
+    """Score an image with a method; fit the background if none is given. Parameters as in `rx` and `detector`."""
     image = as_image(image)
     mask = as_mask(mask, image)
     threads = threads or default_threads()

@@ -1,8 +1,8 @@
 """Thresholds on anomaly scores for a requested false-alarm rate, each with the observed rate.
 
 A pixel is detected where its score is greater than the threshold; NaN is ignored. Real backgrounds are not Gaussian:
-check the observed rate of thresholds by chi-squared and F. `Tail` keeps the highest scores of a scene that does not fit
-into memory; tails of tiles can be merged in any order. No file is opened here.
+for a threshold by chi-squared or F, check the observed rate. `Tail` keeps the highest scores of a scene that is too
+large for the memory; tails of tiles can be merged in any order. No file is opened here.
 
 References
 ----------
@@ -52,7 +52,7 @@ class Tail:
 
     @classmethod
     def of(cls, scores: Array, keep: int = KEEP) -> Self:
-        """The tail of an array of scores of any shape, without NaN. Raises InputError: a score is infinite."""
+        """The tail of an array of scores of any shape; NaN is ignored. Raises InputError if a score is infinite."""
         valid = np.asarray(scores).ravel()
         valid = valid[~np.isnan(valid)]
         n = valid.size
@@ -65,7 +65,7 @@ class Tail:
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
-        """The tail of all parts together; the same to the bit for any order and any division into parts."""
+        """Merge the tails of parts of a scene. Their order and the division do not change the result."""
         parts = list(parts)
         keep = min(part.keep for part in parts)
         whole = cls.of(np.concatenate([part.values for part in parts]), keep)
@@ -77,7 +77,7 @@ class Tail:
         return max(KEEP, math.ceil(2 * pfa * pixels) + 1)
 
     def above(self, value: float) -> int | None:
-        """Number of scores greater than `value`; None where scores that are not kept may be greater, too."""
+        """Number of scores greater than `value`; None if scores that are not kept may be greater, too."""
         if len(self.values) < self.n and not (len(self.values) and value >= self.values[-1]):
             return None
         with np.errstate(over="ignore"):  # a value beyond float32 becomes infinity: no score is greater
@@ -93,7 +93,7 @@ class Threshold:
     value : float
         In the unit of the scores (squared Mahalanobis distance for RX).
     method : str
-        "chi2", "f", "quantile", "gpd", or "peaks": from the `score_top` of candidates, for a rate per km2.
+        "chi2", "f", "quantile" or "gpd", as the function `from_...`; "peaks" for a rate per km2 (`Clutter.score_at`).
     pfa_requested : float
         Requested false-alarm rate per background pixel; for "peaks" the observed rate.
     pfa_observed : float or None
@@ -104,7 +104,7 @@ class Threshold:
         Standard error of `value` for independent scores ("gpd" only). Neighbouring pixels are correlated, so it is a
         lower bound.
     numbers : mapping
-        Other numbers of the fit ("gpd" only), by name.
+        Parameters and quality of the fit ("gpd" only), by name.
     notes : tuple of str
         Warnings for the user.
     """
@@ -119,7 +119,7 @@ class Threshold:
     notes: tuple[str, ...] = ()
 
     def measured(self, above: int | None, n: int) -> Self:
-        """This threshold with the observed rate: `above` (None: not known) of `n` valid scores are greater."""
+        """A copy with the observed rate: `above` of `n` valid scores are greater; no change if `above` is None."""
         return self if above is None else replace(self, pfa_observed=above / n if n else None)
 
     def __str__(self) -> str:
@@ -133,8 +133,8 @@ class Threshold:
 def from_chi2(pfa: float, bands: int) -> Threshold:
     """Threshold for squared Mahalanobis distances D of a Gaussian background whose mean and covariance are known.
 
-    D follows chi-squared with `bands` degrees of freedom; the threshold is its upper `pfa` quantile (Reed and Yu 1990,
-    eq. 46-47, doi:10.1109/29.60107).
+    D follows chi-squared with `bands` degrees of freedom; D exceeds the threshold with the probability `pfa` (Reed and
+    Yu 1990, eq. 46-47, doi:10.1109/29.60107).
     """
     from scipy.special import chdtri
 
@@ -146,8 +146,8 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
     """Threshold for squared Mahalanobis distances D of Gaussian pixels from the mean of n other Gaussian pixels.
 
     With the covariance divided by n - 1, D n (n - bands) / ((n^2 - 1) bands) ~ F(bands, n - bands): Hotelling's T^2
-    of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2).
-    For large n this distribution approaches chi-squared.
+    of one new observation (Anderson 2003, "An Introduction to Multivariate Statistical Analysis", sec. 5.2). D exceeds
+    the threshold with the probability `pfa`. For large n, the threshold approaches that of `from_chi2`.
     """
     from scipy.special import betainccinv, betaincinv
 
@@ -160,8 +160,8 @@ def from_f(pfa: float, bands: int, n: int) -> Threshold:
 def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
     """Probability that a pixel of a Gaussian background has at least this score; same shape as `scores`.
 
-    Scores follow chi-squared with `bands` degrees of freedom, or Hotelling's F where the number `n` of pixels in the
-    statistics is given. NaN where a score is NaN.
+    Scores are squared Mahalanobis distances. They follow chi-squared with `bands` degrees of freedom, or the law in
+    `from_f` if `n`, the number of pixels in the statistics, is given. NaN where a score is NaN.
     """
     from scipy.special import betainc, betaincc, chdtrc
 
@@ -175,7 +175,7 @@ def p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 
 
 def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
-    """`p_value` with a relative error of up to 1e-8, in a tenth of the time of `p_value`, for whole scenes.
+    """As `p_value`, but ten times as fast, with a relative error of up to 1e-8; for whole scenes.
 
     The logarithm of the p-value is a smooth function of the square root of the score. A cubic spline interpolates it
     where the p-value is above 1e-290. The result does not depend on the division into tiles.
@@ -195,7 +195,7 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
-    NaN is left out. Raises InputError: no score is valid, `pfa` is below 1 / n, or the tail keeps too few scores.
+    NaN is ignored. Raises InputError if n, the number of valid scores, is 0 or below 1 / `pfa`, or too few are kept.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -215,10 +215,10 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 
 
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
-    """Threshold by `from_gpd`, or by `from_quantile` where that cannot be fitted or the tail contains objects.
+    """Threshold by `from_gpd`, or by `from_quantile` if the distribution cannot be fitted or the tail contains objects.
 
     The tail contains objects if the fitted shape is 1 or more (no mean). The quantile is then used if at least 10
-    scores exceed it. Raises InputError: the rate is outside 0..1, too high for a tail, or too low for a quantile.
+    scores exceed it. Raises InputError if `pfa` is outside 0 to 1, too high for a tail, or too low for a quantile.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -236,9 +236,9 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
 
     k of n scores x exceed u, the start of the tail: P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
-    its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `numbers` holds the Kolmogorov distance
-    of the distribution from the scores. Raises InputError: no score is valid, or pfa is out of range. Raises FitError:
-    too few scores of the tail differ, or the tail ends abruptly.
+    its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `Threshold.numbers` holds the
+    parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid or `pfa`
+    is out of range, and FitError if too few scores of the tail differ or the tail ends abruptly.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -280,7 +280,7 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
     """Maximum-likelihood shape [1] and scale [unit of `excess`] of a generalised Pareto distribution.
 
     P(excess > y) = (1 + shape y / scale)^(-1/shape); exponential where shape is 0. `excess` holds the scores minus the
-    start of the tail: positive, in ascending order. Raises FitError: the shape is -0.5 or less.
+    start of the tail: positive, in ascending order. Raises FitError if the shape is -0.5 or less.
     """
     from scipy.optimize import minimize_scalar
 
@@ -313,13 +313,13 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
 
 
 def _excess_at(ratio: float, shape: float, scale: float) -> float:
-    """Excess (score minus start of the tail) that a fraction of 1 / `ratio` of the scores in the tail exceeds."""
+    """Excess (score minus start of the tail) that the fraction 1 / `ratio` of the scores in the tail exceeds."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 
 
 def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Standard error of a threshold (delta method, Coles, eq. 4.15), from errors of scale, shape and fraction k/n."""
+    """Standard error of the threshold of `from_gpd`, by the delta method (Coles, eq. 4.15); k of n scores fitted."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k
@@ -336,7 +336,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
-    """Convert scores to a `Tail` for the rate `pfa`. Raises InputError: no score is valid."""
+    """Convert scores to a `Tail` for the rate `pfa`. Raises InputError if no score is valid."""
     if not isinstance(scores, Tail):
         scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:

@@ -1,4 +1,4 @@
-"""Anomaly scores for xarray: `score` and `rx` return a DataArray, which is lazy where the input is lazy.
+"""Anomaly scores for xarray: `score` and `rx` return a DataArray, which is lazy if the input is lazy.
 
     scores = detect.xr.rx(scene)  # fits the background now; a lazy array is scored when it is computed
 
@@ -32,7 +32,7 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray now; a lazy array is read once, by chunks. Parameters and errors as `score`."""
+    """Fit the background of a DataArray now; a lazy array is read once, by chunks. See `score` for parameters."""
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
@@ -52,9 +52,9 @@ def score(
     Parameters
     ----------
     array, sensor, nodata, threads
-        As `deglint.xr.fit`.
+        DataArray with the dimensions y, x and band; the other parameters are as in `deglint.xr.fit`.
     recipe : Recipe or str
-        Options, or the name of a method; options of thresholds and objects are ignored.
+        Options of the detection, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
 
@@ -66,7 +66,7 @@ def score(
     Raises
     ------
     InputError, BandError, FitError, NoWaterError
-        As `detect.pipeline.score_file`.
+        As in `detect.pipeline.score_file`.
     DeglintError
         xarray is not installed.
     """
@@ -87,7 +87,7 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, ...; other parameters as `score`.
+    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, ...; other parameters as in `score`.
 
     Examples
     --------
@@ -97,11 +97,11 @@ def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
 
 
 def _recipe(recipe: Recipe | str) -> Recipe:
-    """Make a recipe if the name of a method is given. Raises DeglintError: xarray is not installed."""
+    """Make a recipe if the name of a method is given. Raises DeglintError if xarray is not installed."""
     need_xarray()
     return recipe if isinstance(recipe, Recipe) else Recipe(method=recipe)
 
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
-    """Scores of a tile of `scene`, (1, row, column); `scene` replaces the scene in the plan of `work`."""
+    """Scores of a tile, (1, row, column), read from `scene`, which replaces the scene in the plan of `work`."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

@@ -69,6 +69,7 @@ def test_all_scenes_are_done_as_one_by_one_and_then_never_again(deglint, place, 
         assert [row["status"] for row in csv.DictReader(file)] == ["finished before"] * 3
 
 
+@pytest.mark.slow
 def test_one_bad_scene_does_not_stop_the_rest(deglint, place):
     whole = (place / "in" / "b.tif").read_bytes()
     (place / "in" / "b.tif").write_bytes(whole[:9000])
@@ -207,6 +208,7 @@ CRASH = """
 """
 
 
+@pytest.mark.slow
 def test_a_scene_that_ends_its_process_ends_no_other(place):
     how = "SIGKILL"  # as the system does where memory runs out
     (place / "run.py").write_text(textwrap.dedent(CRASH).format(how=how))

@@ -103,6 +103,7 @@ def test_every_method_is_measured():
 # the command
 
 
+@pytest.mark.slow
 def test_the_report_is_whole_and_fetches_nothing(rxdetect, tmp_path):
     ran = rxdetect("bench", "--quick", "--seeds", "1", "--only", "default,hedley,goodman")
     assert ran.code == 0, ran.err
@@ -133,6 +134,7 @@ def results(tmp_path_factory):
         return run.measure(effort, tmp_path_factory.mktemp("bench"), lambda *_: None)
 
 
+@pytest.mark.slow
 def test_figures_hold_every_removal(results):
     for draw in (report.against_wind, report.time_against_error, report.roc_curves):
         figure = draw(results)
@@ -141,6 +143,7 @@ def test_figures_hold_every_removal(results):
         assert as_uri(figure) == as_uri(draw(results))
 
 
+@pytest.mark.slow
 def test_names_that_escape_html(results):
     made = {"versions": {"deglint": "<b>"}, "machine": {}, "command": "a<script>", "date": "", "seeds": 1}
     text = report.page(results, made)

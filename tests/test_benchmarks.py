@@ -230,6 +230,7 @@ def test_objects_of_four_metres_are_kept(tmp_path, kind, wind, delay):
     assert known.error(scenes.deglinted(known.path)[0]) < 6.5
 
 
+@pytest.mark.slow
 def test_discs_come_to_no_harm_where_flashes_are_rare(tmp_path):
     """Across the sun at 5 m/s, bands at one instant."""
     made = scenes.Case(5, 0.0, seed=3, kinds=("disc",)).setup

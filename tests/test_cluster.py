@@ -79,6 +79,7 @@ def said(folder):
     return {k: v for k, v in found.items() if k not in ("seconds", "output", "cluster")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECIPES)
 def test_workers_give_what_threads_give(cluster, scene, tmp_path, name):
     run(scene, tmp_path / "threads", RECIPES[name])
@@ -108,6 +109,7 @@ def test_a_worker_killed_in_mid_run_changes_nothing(cluster, scene, tmp_path, st
     assert said(tmp_path / "threads") == said(tmp_path / "workers")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "recipe",
     [Scoring(mask="water", pfa=1e-3), Scoring(covariance="ledoit-wolf"), Scoring(method="local", window=(3, 9))],
@@ -191,6 +193,7 @@ def test_addresses_that_lead_nowhere(deglint, scene, monkeypatch):
     assert "cannot reach a scheduler with workers at tcp://127.0.0.1:1" in ran.err
 
 
+@pytest.mark.slow
 def test_an_input_that_is_not_there_starts_no_workers(deglint, tmp_path):
     ran = deglint("remove", tmp_path / "none.tif", tmp_path / "out.tif", "--workers", "2")
     assert ran.code == 1

@@ -79,6 +79,7 @@ def test_without_a_trial_there_is_no_halo():
     assert halo((ReplacedError(0, 1.0, 1.0, 0.0),)) > 0
 
 
+@pytest.mark.slow
 def test_what_removal_leaves_is_in_the_error_of_every_chain_that_ends_with_it(tmp_path):
     said = {}
     for chain in ("off", "targets, remove"):

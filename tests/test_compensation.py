@@ -58,7 +58,8 @@ def test_the_default_brings_the_water_back(made, tmp_path, delay, limit):
     assert error(tmp_path / "out.tif", truth) < limit, result.fitted.choice.lines()
 
 
-@pytest.mark.parametrize("chain", [OPENING, POSTERIOR, pytest.param("thesis", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("chain", [OPENING, POSTERIOR, "thesis"])
 def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain):
     path, _ = made()
     with rasterio.open(path) as source:
@@ -88,6 +89,7 @@ def test_the_same_bits_however_a_scene_is_stored_and_read(made, tmp_path, chain)
     assert np.array_equal(correct(scene, fitted, window=((30, 200), (490, 570))), whole[:, 30:200, 490:570])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", [OPENING, POSTERIOR])
 def test_a_saved_chain_gives_the_same_result(made, tmp_path, chain):
     path, _ = made()
@@ -137,6 +139,7 @@ def test_what_is_not_valid_stays_as_it_is(made, tmp_path):
     assert np.isfinite(clean).sum() == np.isfinite(values).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["uint8", "float64"])
 def test_other_types(made, tmp_path, dtype):
     path, truth = made()

@@ -64,6 +64,7 @@ def test_what_is_measured(known):
     assert "Not at hand: lost one (no folder)." in text
 
 
+@pytest.mark.slow
 def test_pictures_show_four_images_and_print_errors(known, tmp_path, capsys):
     view = pictures.View(known.path, 0, 0, "case.png", remedy=Recipe(method="joyce", compensate="off"))
     pictures.drawn(view, tmp_path / "case.png")

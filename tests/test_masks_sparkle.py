@@ -122,6 +122,7 @@ def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):
     assert found[~afloat].mean() > 0.999
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "gsd"), [("thesis", 0.15), ("thesis-f30", 0.3), ("micasense", 0.2), ("worldview3", 0.5)]
 )

@@ -175,6 +175,7 @@ def split(length, edges):
     return list(zip([0, *edges], [*edges, length], strict=True))
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     rows=st.lists(st.integers(1, 5), max_size=3, unique=True),

@@ -117,6 +117,7 @@ def test_a_signal_between_two_moves_is_undone(sea, write, tmp_path, old, at, how
     assert old() == before
 
 
+@pytest.mark.slow
 def test_a_killed_move_is_cleared_by_the_next_run(tmp_path, sea, write, deglint):
     source = write(tmp_path / "in.tif", sea())
     (tmp_path / "out.tif").write_bytes(b"old")

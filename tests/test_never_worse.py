@@ -50,6 +50,7 @@ def ratios(scene, truth, columns=slice(None)):
     return errors(correct(scene, fitted), truth, columns) / errors(scene.read(), truth, columns), fitted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wind", "zenith", "sensor", "delay"),
     [(5.0, 40.0, "thesis", 0.0), (5.0, 20.0, "thesis-f30", 0.06), (9.0, 40.0, "thesis", 0.06)],
@@ -58,6 +59,7 @@ def test_looking_away_from_the_glint(made, wind, zenith, sensor, delay):
     assert ratios(*made(wind, zenith, sensor=sensor, delay=delay))[0].max() <= WORSE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wind", "zenith", "delay"), [(5.0, 0.0, 0.06), (7.0, 0.0, 0.0), (5.0, 20.0, 0.0), (9.0, 40.0, 0.06)]
 )
@@ -73,6 +75,7 @@ def test_methods_of_the_papers_are_not_better(made, wind, zenith, delay):
         assert ours <= WORSE * error(Recipe(method=method, compensate="off")) + LITTLE, method
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wind", "delay"), [(5.0, 0.0), (7.0, 0.0), (9.0, 0.06)])
 def test_the_size_of_a_pixel_need_not_be_known(made, tmp_path, wind, delay):
     """Images of drones have no coordinates; their flashes are glint all the same."""
@@ -92,6 +95,7 @@ def test_the_size_of_a_pixel_need_not_be_known(made, tmp_path, wind, delay):
     assert bare < 1.5 * known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["thesis", "thesis-f30"])
 def test_without_glint_nothing_is_changed_whatever_lies_in_the_water(made, sensor):
     found, fitted = ratios(*made(5.0, 0.0, sensor=sensor, glint="nowhere"))

@@ -45,6 +45,7 @@ def test_every_kernel_is_compiled_so():
     assert found == ["jit.py"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["info", "in.tif"], ["plan", "--sun", "30@90"],

@@ -65,6 +65,7 @@ def test_numbers_are_those_of_the_pixels(mask):
         assert o.bounds == tuple(zip(at.min(axis=0).tolist(), (at.max(axis=0) + 1).tolist(), strict=True))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
 def test_outlines_are_simple_rings_that_draw_back_to_the_pixels(mask):

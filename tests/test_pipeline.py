@@ -198,6 +198,7 @@ def test_a_saved_model_goes_onto_another_scene(deglint, sea, write, read, tmp_pa
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["plain", "with red edge"])
 def test_a_saved_model_gives_the_same_on_its_own_scene(deglint, sea, write, read, tmp_path, scene):
     """Also where a reference comes before the NIR in the file: water is found with the NIR, stages are applied."""
@@ -348,6 +349,7 @@ def test_the_library_has_the_same_in_steps(sea, write, read, tmp_path):
         fit_scene(scene, Recipe(method="hedley", nir_use="sideways"))
 
 
+@pytest.mark.slow
 def test_the_module_runs_as_a_program(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
     call = [sys.executable, "-m", "deglint", "remove", source, str(tmp_path / "out.tif"), *RUN, "--json", "-q"]

@@ -225,6 +225,7 @@ def test_water_that_only_absorbs_is_an_option():
     np.testing.assert_allclose(gone.weber, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_mean_glint_of_the_simulator_is_the_planners():
     from deglint.simulate import Setup, simulate
 

@@ -239,6 +239,7 @@ def test_all_of_the_view_off_the_earth_is_spoilt_not_a_crash():
     line_picture(BAY, line)
 
 
+@pytest.mark.slow
 def test_an_uncertain_wind_gives_intervals():
     coarse = replace(BAY, step=5.0)
     found = WindEnsemble(coarse, speed=2.0, turn=40.0)

@@ -55,6 +55,7 @@ def test_parameters_become_arguments(key, values, expected):
     assert commands.arguments(key, values) == expected
 
 
+@pytest.mark.slow
 def test_a_command_runs_and_says_what_it_does(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
     said, shares = [], []

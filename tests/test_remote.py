@@ -99,6 +99,7 @@ def test_a_stac_item_on_a_server_is_a_scene(sea, write, tmp_path, serve):
         open_scene(f"{base}/none")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [0, 30_000], ids=["says nothing", "stops under way"])
 def test_a_server_that_stalls_is_given_up(deglint, sea, write, tmp_path, serve, monkeypatch, after):
     write(tmp_path / "in.tif", sea(120, 120), tiled=True, blockxsize=64, blockysize=64)
@@ -113,6 +114,7 @@ def test_a_server_that_stalls_is_given_up(deglint, sea, write, tmp_path, serve, 
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_stalled_scene_does_not_stop_a_batch(deglint, sea, write, tmp_path, serve, monkeypatch):
     write(tmp_path / "in.tif", sea(120, 120), tiled=True, blockxsize=64, blockysize=64)
     monkeypatch.chdir(tmp_path)

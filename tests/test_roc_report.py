@@ -110,6 +110,7 @@ def test_report_and_json_say_what_the_arrays_say(files, rxdetect):
     assert "--per-object" in made["command"]
 
 
+@pytest.mark.slow
 def test_page_is_whole_and_fetches_nothing(files, rxdetect):
     report = files / "roc.html"
     run = ("roc", files / "first.tif", files / "second.tif", files / "truth.tif", "--report", report, "--bootstrap", 50)
@@ -139,6 +140,7 @@ def test_names_are_escaped(tmp_path, write, rxdetect):
     assert Page(text).faults == []
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_page(files):
     request = Request((str(files / "first.tif"),), str(files / "truth.tif"), draws=40, seed=1, per_object=True)
     assert page(evaluate(request), {}) == page(evaluate(request), {})

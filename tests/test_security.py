@@ -40,6 +40,7 @@ def vrt(path, rows, columns, source="none.tif"):
     return str(path)
 
 
+@pytest.mark.slow
 def test_mutants_are_refused_or_worked_on(tmp_path, monkeypatch, record_property):
     """A short turn of `python -m tests.fuzz`: nothing crashes, hangs, fills the memory or leaves half a file."""
     monkeypatch.syspath_prepend(str(ROOT / "tests"))

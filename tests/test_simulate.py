@@ -460,6 +460,7 @@ def test_help_names_what_there_is():
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
 
 
+@pytest.mark.slow
 def test_a_grid_of_experiments_makes_its_directory(tmp_path):
     from deglint.cli import run
 

@@ -30,6 +30,7 @@ def test_small_things_at_rest_keep_their_contrast(simulated_sea, tmp_path):
     assert min(share("red"), share("blue")) >= 0.5
 
 
+@pytest.mark.slow
 def test_many_white_targets_are_no_flashes(simulated_sea, tmp_path):
     """They have the spectrum of a flash that does not change."""
     there, targets = implant(simulated_sea, [("white 30 %", size) for size in (2, 3, 5)], 0)
@@ -37,9 +38,8 @@ def test_many_white_targets_are_no_flashes(simulated_sea, tmp_path):
     assert survive(shares) >= 0.95
 
 
-@pytest.mark.parametrize(
-    "speed", [pytest.param(0.25, marks=pytest.mark.slow), 0.5, pytest.param(1.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.25, 0.5, 1.0])
 def test_boats_that_move_keep_their_contrast(simulated_sea, tmp_path, speed):
     """They had passed for sparkle that lasts, and all were lost."""
     there, targets = implant(simulated_sea, [("white 30 %", 5)], 1, speed, 48)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.slow
 def test_a_look_ends_where_its_time_is_over(deglint, sea, write, tmp_path, monkeypatch):
     """Nearly all of it is empty, so that a look for water would read it all."""
     write(tmp_path / "in.tif", sea())

@@ -138,6 +138,7 @@ def test_an_offset_that_was_applied_is_not_applied_again(files, tmp_path):
     assert open_scene(tmp_path / "item.json").source.info.offsets == (0,) * 4
 
 
+@pytest.mark.slow
 def test_items_of_a_collection_are_scenes_of_a_batch(deglint, files, tmp_path):
     items = [item_of(files) | {"id": name} for name in ("one", "two")]
     collection = tmp_path / "items.json"

@@ -221,6 +221,7 @@ RECIPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", list(RECIPES.values())[:4], ids=list(RECIPES)[:4])
 def test_the_whole_job_does_not_depend_on_how_pixels_are_stored(sea, write, read, tmp_path, small_tiles, recipe):
     raw = scene_of(sea)

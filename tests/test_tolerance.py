@@ -197,6 +197,7 @@ def test_what_cannot_be_is_refused_in_one_line(options, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_command(deglint, scene, tmp_path):
     run = ("--method", "joyce", "--sample", "all", "--mask", "none", "--compensate", "off", "-v")
     ran = deglint("remove", scene(), tmp_path / "out.tif", *run, "--tolerance", "0.01")

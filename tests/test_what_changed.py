@@ -28,6 +28,7 @@ def small(write, tmp_path):
     return write(tmp_path / "sea.tif", values, describe=_wavelengths, names=None, transform=PLACE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chain", CHAINS)
 @pytest.mark.parametrize("method", ["auto", *METHODS])
 def test_the_bands_that_are_said_to_change_are_those_that_change(method, chain, small, read, tmp_path):

@@ -191,6 +191,7 @@ def test_a_reference_of_clean_water_is_itself():
     assert exceeds is None
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(st.integers(60, 130), st.integers(60, 200), st.booleans())
 def test_tiles_are_the_whole_to_the_bit(row, column, two_kinds):
@@ -221,6 +222,7 @@ def without_sheet(error, interval):
     return np.sqrt(error**2 - (interval[1] - interval[0]) ** 2 / 6)
 
 
+@pytest.mark.slow
 def test_standard_errors_against_draws():
     found = [fitted(swell_block((192, 192), seed=s, noise=20.0)) for s in range(12)]
     slopes = np.array([[f.slope for f in m.fits] for m in found])

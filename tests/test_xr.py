@@ -52,6 +52,7 @@ def by_file(source, tmp_path, recipe, **options):
         return dataset.read()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("recipe", "dtype", "nodata"),
     [(Recipe(), "uint16", 0), (HEDLEY, "float32", None), (HEDLEY, "float64", -9999.0), (CHAIN, "uint16", 0),
@@ -77,6 +78,7 @@ def test_the_numbers_of_the_tile_engine(scene, tmp_path, recipe, dtype, nodata):
             xarray.testing.assert_identical(given, before)
 
 
+@pytest.mark.slow
 def test_the_neighbours_of_the_nir_are_followed_over_the_edges_of_chunks(sea, write, tmp_path):
     from scipy.ndimage import gaussian_filter
 

@@ -12,7 +12,7 @@ LONG = 1.5  # least window over the width of a clump of glint, such that it reac
 
 @dataclass(frozen=True)
 class Candidate:
-    """A recipe to try on sample tiles."""
+    """A recipe to try on sample tiles: a method of removal, and the stages of a compensation before and after it."""
 
     name: str
     method: str  # "copy", or a key of `deglint.remove.METHODS`
@@ -25,9 +25,9 @@ class Candidate:
 
 
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
-    """Candidate recipes, simplest first.
+    """Candidate recipes for a scene with the properties `setting`, simplest first.
 
-    `width`: width of the smallest object to keep [pixel]; `clump`: width of a clump of glint [pixel]
+    `width` is the width of the smallest object to keep [pixel], and `clump` that of a clump of glint [pixel].
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
     targets = "targets, " if setting.delayed else ""
@@ -40,9 +40,9 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 
 
 def windows(width: float, clump: int) -> list[int]:
-    """Sides of the windows of morphological openings to try [pixel]; all are odd.
+    """Sides of the windows of morphological openings to try, odd; these and the arguments are in [pixel].
 
-    The first is the largest that preserves objects of `width`; if clumps of glint are small, a smaller one is added.
+    The first is the largest that preserves objects of `width`. If clumps of glint (`clump`) are small, another follows.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 There are four kinds of signals: textures of three scales, discs as wide as the smallest object to keep, broad plumes of
 turbid water, and small white targets. Their contrasts are relative to the water; textures and discs are attenuated by
-some metres of water. The gain of a recipe is the share of a signal that it preserves: 1 if it is kept, 0 if it is lost.
+3 m of water. The gain of a recipe is the share of a signal that it preserves: 1 if it is kept, 0 if it is lost.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 
 @dataclass(frozen=True, eq=False)
 class Implants:
-    """Signals that are added to one tile."""
+    """Known signals that are added to one tile; each is a pattern (row, column) times a colour (band,)."""
 
     names: tuple[str, ...]  # (signal,)
     patterns: Float32  # (signal, row, column): contrast relative to the colour of the signal
@@ -37,12 +37,12 @@ class Implants:
 
     @property
     def total(self) -> Float32:
-        """Sum of all signals, (band, row, column) [unit of the band]."""
+        """Sum of all signals, to be added to the tile, (band, row, column) [unit of the band]."""
         return np.einsum("sb,sij->bij", self.colours, self.patterns, dtype=np.float32)
 
 
 def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Implants:
-    """Make the signals for a tile.
+    """Make the signals for a tile with these bands: textures, discs, plumes and targets.
 
     inside : (row, column), True where pixels are evaluated
     level : (band,) brightness of the water [unit of the band]
@@ -66,7 +66,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
 def gains(
     responses: Sequence[Float32], added: Sequence[Implants], inside: Sequence[Mask], unit: Float32
 ) -> dict[str, float]:
-    """Gain of each signal, by name: least squares fit of the patterns to the responses, over all tiles and bands.
+    """Gain of each signal, by name, from a least squares fit of the patterns to the responses in all tiles and bands.
 
     The mean of each tile is subtracted first, because signals also change the fitted level (glint-free NIR).
 
@@ -100,9 +100,9 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 
 
 def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): discs of a width [pixel], half bright and half dark, over the True pixels of `inside`.
+    """Contrast (row, column) of discs of a `width` [pixel], half of them bright and half dark; 0 elsewhere.
 
-    The centres of the discs are about four widths, and at least 16 pixels, apart.
+    The centres are about four widths, and at least 16 pixels, apart, from the first row and column of `inside` on.
     """
     import cv2
 
@@ -116,7 +116,7 @@ def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): Gaussian of height `PLUME` at a random place; standard deviation: a fifth of the tile."""
+    """Contrast (row, column): a Gaussian of height `PLUME` at a random position, a fifth of the tile wide (sigma)."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2
@@ -124,7 +124,7 @@ def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
 
 
 def _targets(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): squares of 2 x 2 pixels with the value 1, about 24 pixels apart; 0 elsewhere."""
+    """Contrast (row, column) of targets: 1 in squares of 2 x 2 pixels, about 24 pixels apart; 0 elsewhere."""
     out = np.zeros(shape, np.float32)
     for row in range(12, shape[0] - 2, 24):
         for column in range(12, shape[1] - 2, 24):

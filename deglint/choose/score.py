@@ -48,11 +48,11 @@ thousand pixels in eight tiles) that the power of their texture is known to a fe
 
 
 def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
-    """Mean square of (texture / `unit`) at each scale, (scale,), over all pixels and bands.
+    """Power of images, (scale,): mean square of texture divided by `unit`, over all pixels and bands, at each scale.
 
-    Texture is the difference of local means over two successive `SCALES`; at the last, local mean minus mean of tile.
+    Texture is the local mean over `SCALES[i]` pixels minus that over `SCALES[i + 1]`, or over the tile for the last i.
 
-    images, inside : for each tile, (band, row, column), and (row, column) mask of the pixels to use
+    images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default `inside`
     """
@@ -81,7 +81,7 @@ def least_signal(
     """Lower limit of the power of the scene's own texture, (scale,): what neither noise nor glint explains.
 
     images : (band, row, column) of each tile, without compensation
-    inside, unit : as for `powers`; the result is the mean over the bands, each divided by the square of its unit
+    inside, unit : as in `powers`; the result is the mean over the bands, each divided by the square of its unit
     noises : (band,) standard deviation of the noise [unit of the band]
     nir : 0-based NIR band
     spectrum : (band,) glint in each band, divided by the glint in the NIR band
@@ -100,9 +100,9 @@ def least_signal(
 
 
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
-    """Mask of each tile, (band, scale, row, column): True at the pixels with the least glint around them.
+    """Mask of each tile, (band, scale, row, column), of the pixels with the least glint around them.
 
-    glint, inside : for each tile, glint (band, row, column), and mask as for `powers`; the coarsest scale has no masks
+    `glint` (band, row, column) and `inside`, as in `powers`, are given for each tile. The coarsest scale has no mask.
     """
     import cv2
 
@@ -119,7 +119,7 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _shares(mask: Mask) -> list[Float32]:
-    """Share of True pixels in the square around each pixel, (row, column), above 0; for each side in `SCALES[1:]`."""
+    """For each side in `SCALES[1:]`: share of True pixels in the square around each pixel, (row, column); positive."""
     import cv2
 
     known = mask.astype(np.float32)
@@ -132,11 +132,11 @@ def level_excess(
     """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
 
     The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
-    over the bands, minus `SIGNAL`. With delayed bands, means are compared, as a removal leaves sparkle on few pixels.
+    over the bands, minus `SIGNAL`. With `delayed` bands means are compared, as a removal leaves sparkle on few pixels.
 
     results : (band, row, column) of each tile, for each recipe
-    inside, unit : as for `powers`
-    opened : whether a recipe has an opening; at least one has
+    inside, unit : as in `powers`
+    opened : for each recipe, whether it contains an opening; at least one does
     """
     judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
     levels = np.array(
@@ -156,7 +156,7 @@ def expected_errors(
     power, clear, gain : (recipe, scale): `powers` over all pixels, `powers` over the pixels with the least glint, and
         the gains of textures (of plumes for the coarsest scale)
     objects : (recipe,), gain of discs
-    least : (scale,), from `least_signal`
+    least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`
     edges : share of edges of large objects in the scene's own signal, which a recipe keeps at least as well as discs
     """
     own = gain.copy()

@@ -39,7 +39,7 @@ LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fe
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of a candidate on the sample tiles."""
+    """Result of trying a candidate on the sample tiles: texture, gains of implanted signals, and expected error."""
 
     candidate: Candidate
     power: tuple[float, ...]  # mean square of the texture of the result at each of `SCALES` [water level squared]
@@ -54,14 +54,14 @@ class Trial:
 
     @property
     def kept(self) -> str:
-        """Gains of discs, plumes and targets as text."""
+        """Text with the gains of discs, plumes and targets [%]."""
         said = [f"{k} keep {max(min(v, 1.0), 0.0):.0%}" for k, v in self.gains.items() if not k.startswith("texture")]
         return ", ".join(said)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates that were tried, and the best."""
+    """The result of `choose`: the candidates that were tried, and the best of them."""
 
     best: Candidate
     trials: tuple[Trial, ...] = ()  # simplest candidate first; empty where nothing could be tried
@@ -97,7 +97,7 @@ class Choice:
         return f"least expected error of {len(self.trials)} candidates, {trial.error:.1%} of the water; {trial.kept}"
 
     def lines(self) -> list[str]:
-        """Report for the log: the choice, and a line for each candidate."""
+        """Lines of text for the log: the choice, and one line for each candidate."""
         out, trial = list[str](), self.trial
         if trial is not None:
             out.append(
@@ -128,7 +128,7 @@ def choose(
     fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
-    """Try candidates, and choose the one with the least expected error.
+    """Try candidate recipes on sample tiles, and choose the one with the least expected error.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def choose(
     width : float
         Width of the smallest object to keep [pixel].
     fine : bool
-        Pixels resolve sparkle. Then a removal of mirrored sky, which is symmetrical about its median, is refused.
+        True if pixels resolve sparkle: a candidate that removes mirrored sky instead of sparkle is then refused.
     each : callable
         Function that runs the candidates: `map`, or the `map` method of a pool of threads.
 
@@ -179,7 +179,7 @@ def choose(
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """The simplest of the candidates that are equally good; the copy, which is first, if none is clearly better."""
+    """The simplest of equally good candidates, or the copy if none is clearly better; `delayed` is as in `Setting`."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -188,7 +188,7 @@ def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
 def _judged(
     runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32, setting: Setting
 ) -> list[Trial]:
-    """The trial of each run; its error is infinite if it cannot be computed. `added` and `unit` are as for `gains`."""
+    """The trial of each run; its error is infinite if it cannot be computed. `added` and `unit` are as in `gains`."""
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
     trials = [
@@ -223,7 +223,7 @@ def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Results of a candidate on the tiles."""
+    """Results of a candidate on the sample tiles, without and with implanted signals."""
 
     images: list[Float32]  # (band, row, column) of each tile, without signals
     responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
@@ -238,7 +238,7 @@ def _run(
     removal: Callable[[str], FitRemoval],
     fine: Float32 | None,
 ) -> _Run:
-    """Fit and run a candidate on `sample`, and on `marked` with signals; `fine`: unit for `_refuse_sky`, or None."""
+    """Fit and run a candidate on `sample`, and on `marked` (with signals); `fine`: unit for `_refuse_sky`, or None."""
     if candidate.method == "copy":
         images, others = ([s.image for s in some.states] for some in (sample, marked))
         return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
@@ -263,7 +263,7 @@ def _too_small(sample: Sample) -> bool:
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around), so that erasing them is not rewarded.
 
-    Only for coarse pixels: in fine pixels sparkle is as bright as ships.
+    This is only for coarse pixels: in fine pixels sparkle is as bright as ships.
     """
     import cv2
 
@@ -282,7 +282,7 @@ def without_shore(sample: Sample) -> Sample:
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """Sample mask (row, column) of each tile, False near targets found by candidates: erasing them is not rewarded."""
+    """Sample mask (row, column) of each tile, without targets that candidates found: erasing these is not rewarded."""
     inside = list(sample.inside)
     for run in runs:
         for n, found in enumerate(run.targets):
@@ -292,7 +292,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks of the pixels with the least glint (`least_glint`): glint is what `wiener` removes; [] if it has no run."""
+    """Masks of pixels with the least glint (`least_glint`), which is what `wiener` removes; [] if it was not run."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []
@@ -301,9 +301,9 @@ def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
 
 
 def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Raise FitError if a removal removes mirrored sky: that light varies little, and symmetrically about its median.
+    """Raise FitError if what a removal removes is mirrored sky: it varies little, and symmetrically about its median.
 
-    unit : (band,) brightness of the water; infinite for bands that are not judged
+    unit : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated
     """
     planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
     taken = fitted.sample.values(planes) / np.isfinite(unit).sum()
@@ -316,7 +316,7 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
 
 
 def _levels(sample: Sample, bands: int) -> Float32:
-    """Brightness of the water without glint in each of `bands` bands, (band,) [unit of the band]; positive."""
+    """Brightness of the water without glint in each of the `bands` bands, (band,) [unit of the band]; positive."""
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])

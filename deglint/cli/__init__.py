@@ -30,7 +30,7 @@ def cli() -> None:
 
 
 def main() -> NoReturn:
-    """Run the command and leave with its exit code: 0 done, 1 failed, 2 usage, 3 no usable water."""
+    """Run the command and exit with its code: 0 done, 1 failed, 2 wrong usage, 3 no usable water, 130 interrupted."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # arrays are small here, and its threads wait in busy loops
     sys.exit(run(sys.argv[1:]))
 

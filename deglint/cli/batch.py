@@ -1,4 +1,4 @@
-"""`deglint batch`: one recipe, many scenes."""
+"""The command `deglint batch`: remove sun glint from many scenes with one recipe."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
 
 
 def summary(found: list[Any]) -> list[str]:
-    """Lines of the summary: a table of the outcomes of the scenes, and the number of scenes by status."""
+    """Summarise the outcomes `found` in lines of text: a table of the scenes, and the number of scenes by status."""
     rows = [("scene", "status", "seconds", "corrected", "method", "reason")]
     for o in found:
         share = "" if o.corrected is None else f"{o.corrected:.1%}"
@@ -117,9 +117,9 @@ def summary(found: list[Any]) -> list[str]:
 
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
-    """Text for a dry run: size in bytes of the pixels of all scenes before compression, from the headers of the files.
+    """Text for a dry run: size of the pixels of all scenes before compression, according to the headers of the files.
 
-    `paths` has the names of the files of each scene; `options` are keywords of `open_scene`.
+    `paths` has the file names of each scene; `options` are keyword arguments of `open_scene`.
     """
     from ..errors import DeglintError
     from ..raster.environment import environment
@@ -149,7 +149,7 @@ def _write_table(path: Path, found: list[Any]) -> None:
 
 
 def _watch(total: int, console: Console) -> Callable[[Outcome], None]:
-    """Callback for each finished scene: it logs a line, and shows the progress and the remaining time on a terminal."""
+    """Make a function to call after each of `total` scenes: it logs a line, and shows progress on a terminal."""
     numbers = count(1)
 
     def done(scene: Outcome) -> None:

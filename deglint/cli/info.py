@@ -1,4 +1,4 @@
-"""`deglint info`: properties of a raster, and the expected error of each candidate recipe."""
+"""The command `deglint info`: print the properties of a raster, and the expected error of each candidate recipe."""
 
 import json
 import logging
@@ -44,7 +44,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
 
 
 def lines(found: dict[str, Any]) -> list[str]:
-    """The result of `deglint.examine` as lines of text."""
+    """Convert the result of `deglint.examine` to lines of text."""
     size = f"{found['width']} x {found['height']} pixels, {len(found['bands'])} bands, {found['dtype']}"
     pixel = "" if found["pixel_size"] is None else ", {:.4g} x {:.4g} m on the ground".format(*found["pixel_size"])
     out = [

@@ -1,4 +1,4 @@
-"""Options that several commands share, and parsers of their values."""
+"""Command-line options that several commands share, and parsers of their values."""
 
 import contextlib
 import logging
@@ -19,12 +19,12 @@ SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class Grouped(click.Command):
-    """Command whose `--help` lists its options below the headings that `heading` gives them."""
+    """click command whose `--help` lists its options in groups, below the headings from the decorator `heading`."""
 
     context_class = BoldContext
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, group by group."""
+        """Write the options to the help text, group by group."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             if record := isinstance(parameter, click.Option) and parameter.get_help_record(ctx):
@@ -46,26 +46,26 @@ def heading(text: str) -> Callable[[Any], Any]:
 
 
 class AutoOr(click.Choice[str]):
-    """Type of option values: one of the given words, or a key of a dictionary (`table`) of a module imported late."""
+    """Type of option values: one of `words`, or a key of the dictionary `table` in `module`, imported when needed."""
 
     def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
-        """All allowed values."""
+        """All allowed values of the option."""
         return (*self._words, *getattr(import_module(self._module), self._table))
 
 
 class FileName(click.Path):
-    """Type of file-name options; a shell completes them to `words` such as "auto", to sensor presets, or to files."""
+    """Type of file-name options. A shell completes them to `words` such as "auto", sensor presets, or file names."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
         self._words, self._presets = words, presets
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """The words of this type (as "auto") and sensor presets that start with the typed text, then file names."""
+        """Completions of the text `incomplete`: words of this type and sensor presets, then file names."""
         from ..sensors import names as presets
 
         words = (*self._words, *(presets() if self._presets else ()))
@@ -77,7 +77,7 @@ FILE = FileName()
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """Callback that turns texts NAME=VALUE into a dict; the case of the value is kept."""
+    """click callback that converts texts "NAME=VALUE" to a dict {NAME: VALUE}; upper and lower case are kept."""
     out = {}
     for text in values:
         name, sign, value = text.partition("=")
@@ -88,12 +88,12 @@ def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple
 
 
 def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
-    """Callback that splits texts such as "NIR1,NIR2" at commas; the option may also be repeated."""
+    """click callback that splits texts at commas: ("NIR1,NIR2", "NIR3") becomes ("NIR1", "NIR2", "NIR3")."""
     return tuple(part.strip() for text in values for part in text.split(",") if part.strip())
 
 
 def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
-    """Callback that parses one or several texts by `read`; a ValueError becomes a usage error that says `wrong`."""
+    """Make a click callback that converts each text by `read`; a ValueError becomes a usage error with text `wrong`."""
 
     def one(text: str) -> Any:
         try:
@@ -110,7 +110,7 @@ def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
 
 
 def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
-    """Decorator that adds several options to a command, in the order of `--help`."""
+    """Decorator that adds several options to a command, in the order in which `--help` lists them."""
 
     def decorate(command: Any) -> Any:
         for option in reversed(options):
@@ -169,13 +169,13 @@ messages = with_options(
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options on reading the input, as keywords of `deglint.open_scene`."""
+    """Convert the options for reading the input to keyword arguments of `deglint.open_scene`."""
     same = {name: given[name] for name in ("sensor", "nodata", "wavelengths", "scale", "offset")}
     return same | {"bands": given["band_names"]}
 
 
 def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
-    """Raise a usage error if only one file is given: click takes it for OUT, and IN is missing."""
+    """Raise a usage error if `inputs` is empty: the user gave one file name only, and click took it for the output."""
     if not inputs:
         stem, _, _ = output.rpartition(".")
         raise click.UsageError(
@@ -185,7 +185,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """The Dask cluster that the options select, or None; at the end, log how much memory its workers used."""
+    """Provide the Dask cluster that the options select, or None; after the `with` block, log its workers' memory."""
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:

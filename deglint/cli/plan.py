@@ -1,4 +1,4 @@
-"""`deglint plan`: viewing geometries without sun glint."""
+"""The command `deglint plan`: find viewing geometries without sun glint."""
 
 import logging
 import re
@@ -18,7 +18,7 @@ WATER_NAMES = ("scattering", "absorption")
 
 
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
-    """Callback that parses "A@B" into {first: A, second: B}, or "A" into {first: A}; A and B are numbers."""
+    """Make a click callback that parses "A@B" to {first: A, second: B}, or "A" to {first: A}; A and B are numbers."""
 
     def read(text: str) -> dict[str, float]:
         head, sign, tail = text.partition("@")
@@ -28,7 +28,7 @@ def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] 
 
 
 def minutes(text: str) -> float:
-    """Number of minutes in "30min", "1h" or "0.5h"; without unit, minutes. Raises ValueError if not 1 to 1440."""
+    """Convert a duration, "30min", "0.5h" or "30" (minutes), to minutes. Raises ValueError unless it is 1 to 1440."""
     found = re.fullmatch(r"\s*([0-9.]+)\s*(min|m|h)?\s*", text)
     count = float(found[1]) * (60.0 if found[2] == "h" else 1.0) if found else 0.0
     if not 1.0 <= count <= 1440.0:
@@ -42,7 +42,7 @@ PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.mode
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
-    """Option that takes a number; `place`: the number's table and key in a mission file, `said`: the help text."""
+    """Make an option that takes a number [unit] with help text `said`; `place` is its "table.key" in a mission file."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=float, metavar=unit, help=said)
 
@@ -154,7 +154,7 @@ def plan(**given: Any) -> None:
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The options that the user gave, as tables of a mission file."""
+    """Convert the options that the user gave to tables of a mission file, such as {"wind": {"speed": 7.0}}."""
     if given["place"]:
         if given["lat"] is not None or given["lon"] is not None:
             raise click.UsageError("give --place, or --lat and --lon, not both.")
@@ -175,7 +175,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
-    """Lines for the log: assumed values of time and wind, and cautions of the mission."""
+    """Lines for the log: times and winds that are assumed because no option gives them, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]

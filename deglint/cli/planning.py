@@ -1,4 +1,4 @@
-"""Modes of `deglint plan`: one reticle, a sweep over time, an uncertain wind, a flight line, a web page."""
+"""Modes of `deglint plan`: a reticle for one time, a sweep over time, an uncertain wind, a flight line, a web page."""
 
 import json
 import logging
@@ -24,7 +24,7 @@ Mode = Callable[[Given, Any, Console], None]
 
 
 def mode_of(given: Given) -> Mode:
-    """The mode that the options select, one of the functions below; raises a usage error if options conflict."""
+    """The function below that makes the plan which the options select. Raises a usage error if options conflict."""
     asked = {
         "--from": over_time if given["start"] or given["end"] or given["every"] else None,
         "--wind-within": under_winds if given["wind_within"] else None,
@@ -47,9 +47,9 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time of a mission: for a sweep, when the sun is highest; for a page without a time, the next daylight.
+    """Set the time of a mission: in `over_time`, when the sun is highest; in `page`, if not given, the next daylight.
 
-    Return the tables of the mission. They are unchanged in all other cases, or if latitude or longitude is missing.
+    Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """
     place = dict(tables.get("place", {}))
     if "latitude" not in place or "longitude" not in place:
@@ -66,7 +66,7 @@ def _times(given: Given) -> Any:
 
 
 def one_reticle(given: Given, mission: Any, _console: Console) -> None:
-    """Plan one reticle: all viewing geometries at one time."""
+    """Make a reticle, the plan of all viewing geometries at one time; write and print it."""
     found, band = reticle(mission), given["show"]
     if band:
         found.index(band)
@@ -80,7 +80,7 @@ def one_reticle(given: Given, mission: Any, _console: Console) -> None:
 
 
 def over_time(given: Given, mission: Any, console: Console) -> None:
-    """Plan a sweep over time: the best time, and the best viewing geometry at each time."""
+    """Make a plan for a span of time: the best time, and the best viewing geometry at each time."""
     when = _times(given)
     moments, found = [], []
     for moment, plan in sweep.plans(mission, when):
@@ -96,13 +96,13 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
-    """Plan for an uncertain wind: viewing geometries that are not excluded under any wind of an interval."""
+    """Make a plan for an uncertain wind: viewing geometries that are not excluded under any wind of an interval."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 
 
 def flight_line(given: Given, mission: Any, _console: Console) -> None:
-    """Plan a flight line: the heading with the least glint."""
+    """Make a plan for a flight line: the heading with the least glint."""
     across, _, along = given["fov"].lower().partition("x")
     try:
         angles = {"across": float(across), "along": float(along or 0.0)}
@@ -116,7 +116,7 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
 
 
 def page(given: Given, mission: Any, _console: Console) -> None:
-    """Serve a web page with sliders until it is interrupted."""
+    """Serve a web page with sliders that change the plan, until the user presses Ctrl-C."""
     from ..plan.serve import serve
 
     if mission.moment is not None and not given["time"]:
@@ -125,7 +125,7 @@ def page(given: Given, mission: Any, _console: Console) -> None:
 
 
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:
-    """Write the selected files; print the result as JSON or as lines of text."""
+    """Write `picture` and `numbers` to the output files; print `numbers` as JSON, or the `lines` of text."""
     if given["outs"]:
         outs = {path: png(picture()) if path.suffix.lower() == ".png" else numbers for path in given["outs"]}
         write_files(outs, overwrite=given["overwrite"])

@@ -1,4 +1,4 @@
-"""`deglint remove`: remove sun glint from a raster."""
+"""The command `deglint remove`: remove sun glint from a raster."""
 
 from __future__ import annotations
 
@@ -127,14 +127,14 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
-    """The recipe that the options describe."""
+    """Make a recipe from the options of the command."""
     from ..pipeline import Recipe
 
     return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
 
 
 def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
-    """The outputs of `remove_glint` that the options describe."""
+    """Make the `Outputs` of `remove_glint` from the name of the output and the options of the command."""
     from ..pipeline import Outputs
 
     same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
@@ -143,7 +143,7 @@ def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
 
 
 def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
-    """Open the scene and fit the recipe; print which files would be written, and their size."""
+    """Open the scene and fit the recipe; print which files would be written, and their size before compression."""
     import numpy as np
 
     from ..pipeline import fit_scene, load_model
@@ -183,7 +183,7 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
 
 
 def as_options(recipe: Recipe) -> str:
-    """Text of the options of `deglint remove` that select a recipe; defaults are left out."""
+    """Text of the options of `deglint remove` that describe a recipe; options with default values are left out."""
     usual, words = asdict(type(recipe)()), []
     for name, value in asdict(recipe).items():
         if value != usual[name]:
@@ -200,7 +200,7 @@ def read_bytes(scene: Scene) -> int:
 
 
 def size(count: float) -> str:
-    """Size in bytes as text, such as "12.3 MB"."""
+    """Convert a number of bytes to text, such as "12.3 MB"."""
     for unit in ("B", "kB", "MB", "GB"):
         if count < 1000:
             return f"{count:.3g} {unit}"

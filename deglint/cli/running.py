@@ -1,4 +1,4 @@
-"""Run a command: it is imported when it is called; an error becomes one line and an exit code; log lines on stderr."""
+"""Run a command: import it when it is called, report an error in one line with an exit code, log to stderr."""
 
 import contextlib
 import difflib
@@ -30,16 +30,16 @@ class _Formatter(click.HelpFormatter):
 
 
 class BoldContext(click.Context):
-    """Context of click whose help has bold headings on a terminal."""
+    """click context whose help text has bold headings on a terminal."""
 
     formatter_class = _Formatter
 
 
 class Commands(click.Group):
-    """Group that imports the module of a subcommand when it is called, so that `--help` is fast.
+    """click group that imports the module of a subcommand when it is called, so that `--help` is fast.
 
     An error becomes one line on stderr and an exit code, also where the group is a plugin of another program (rio).
-    `home` is the package whose module NAME defines the command NAME; `lines` holds names and one-line help of commands.
+    `home` is the package with a module of the same name for each command; `lines` has one line of help for each.
     """
 
     context_class = BoldContext
@@ -56,13 +56,13 @@ class Commands(click.Group):
             return int(end.code or 0)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Find -vv among all arguments, and parse those of the group."""
+        """Count -v among all arguments, also those of the subcommand; then parse the arguments of the group."""
         ctx.color = False if os.environ.get("NO_COLOR") else ctx.color  # None: colours on a terminal only
         ctx.meta["verbose"] = args.count("--verbose") + sum(a.count("v") for a in args if re.fullmatch("-[vqh]+", a))
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> None:
-        """Run the command that the arguments name."""
+        """Run the command that the arguments name; after an error, print one line and exit with an exit code."""
         warnings.filterwarnings("ignore", message="Dataset has no geotransform")  # from rasterio; images may have none
         with _terminable(), _quiet_libraries():
             try:
@@ -81,7 +81,7 @@ class Commands(click.Group):
         return list(self._lines)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of this name; for a wrong name, a usage error suggests the nearest name or lists all."""
+        """The command of this name; for a wrong name, a usage error suggests the most similar name or lists all."""
         if cmd_name in self._lines:
             command: click.Command = getattr(import_module(f".{cmd_name}", self._home), cmd_name)
             return command
@@ -92,13 +92,13 @@ class Commands(click.Group):
         return None
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without loading them."""
+        """Write the names and one-line help of the commands to the help text, without importing the commands."""
         with formatter.section("Commands"):
             formatter.write_dl(list(self._lines.items()))
 
 
 def _explained(error: BaseException) -> tuple[int, str]:
-    """Exit code, and line for stderr, of an error."""
+    """Exit code for an error, and the line of text to print on stderr."""
     if isinstance(error, (click.Abort, KeyboardInterrupt)):
         return 130, "\ninterrupted: no output is half written."  # the line break ends the ^C of a terminal
     line = " ".join(str(error).split())
@@ -113,7 +113,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C, so that temporary files are removed."""
+    """Treat the signal SIGTERM like Ctrl-C in the `with` block, so that temporary files are removed."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set a signal handler
         return
@@ -126,7 +126,7 @@ def _terminable() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet_libraries() -> Iterator[None]:
-    """Discard lines that libraries print on stderr.
+    """Discard lines that libraries print on stderr during the `with` block.
 
     libtiff prints lines when a disk is full; rasterio prints tracebacks for messages of GDAL that it cannot decode.
     """
@@ -142,7 +142,7 @@ def _quiet_libraries() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _no_c_stderr() -> Iterator[None]:
-    """Discard what C libraries write to file descriptor 2; Python's `sys.stderr` still reaches its target."""
+    """Discard what C libraries write to stderr (file descriptor 2) in the `with` block; `sys.stderr` still works."""
     real = os.dup(2)
     with open(real, "w", buffering=1, errors="replace") as kept, open(os.devnull, "w") as nowhere:  # noqa: PTH123
         os.dup2(nowhere.fileno(), 2)
@@ -155,7 +155,7 @@ def _no_c_stderr() -> Iterator[None]:
 
 
 class Console(logging.Handler):
-    """Handler that shows log lines on stderr, and on a terminal a progress line with the remaining time.
+    """Logging handler that prints log lines on stderr, and on a terminal a progress line with the remaining time.
 
     The library logs to `LOGGERS` and their children, and installs no handler. A command installs this handler within a
     `with` block; scripts and notebooks install their own. `given` holds the options of the command, with "verbose"
@@ -187,13 +187,13 @@ class Console(logging.Handler):
             logger.setLevel(level)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a log line; a progress line is erased first."""
+        """Print a log message on stderr; the progress line is erased first."""
         self.clear()
         name, colour = LEVEL_NAMES.get(record.levelno, ("", None))
         click.echo((click.style(name, fg=colour) if name else "") + record.getMessage(), err=True)
 
     def progress(self, stage: str, done: int, total: int) -> None:
-        """Redraw the progress line on a terminal; elsewhere log a line from time to time."""
+        """Show that `done` of `total` parts of a stage are finished: in a terminal's progress line, or in the log."""
         if not self._bar:
             self._report(stage, done, total)
             return
@@ -206,7 +206,7 @@ class Console(logging.Handler):
             self.clear()
 
     def clear(self) -> None:
-        """Erase the progress line."""
+        """Erase the progress line from the terminal."""
         if self._drawn:
             click.echo("\r\x1b[K", nl=False, err=True)
             self._drawn = False

@@ -1,4 +1,4 @@
-"""`deglint simulate`: synthetic scenes of the sea with their ground truth."""
+"""The command `deglint simulate`: make synthetic scenes of the sea with their ground truth."""
 
 import json
 import logging
@@ -23,7 +23,7 @@ SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Rows and columns [pixel] from "512" (a square) or "ROWSxCOLUMNS"."""
+    """Parse the size of an image: rows and columns [pixel] from "512" (a square) or "ROWSxCOLUMNS"."""
     rows, columns = (int(part) for part in (text.lower() if "x" in text.lower() else f"{text}x{text}").split("x"))
     if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
         raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
@@ -31,13 +31,13 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _depths(text: str) -> tuple[float, float]:
-    """Depths [m] at the left and right edge from "LEFT:RIGHT"."""
+    """Parse "LEFT:RIGHT": depths of the bottom [m] at the left and right edge of a scene, or one depth for both."""
     left, _, right = text.partition(":")
     return float(left), float(right or left)
 
 
 def _boat(text: str) -> tuple[float, ...]:
-    """Position from the upper left [m], speed [m/s], heading [degree] from "RIGHT,DOWN,SPEED@HEADING"."""
+    """Parse "RIGHT,DOWN,SPEED@HEADING": position from the upper left [m], speed [m/s], heading [degree] of a boat."""
     place, _, heading = text.partition("@")
     right, down, speed = (float(part) for part in place.split(","))
     return right, down, speed, float(heading or 0.0)
@@ -149,7 +149,7 @@ def simulate(out: Path, **given: Any) -> None:
 
 
 def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
-    """Print the scenes that would be written, and their size before compression."""
+    """Print the names of the images that would be written, and the size of all files before compression."""
     rows, columns = given["size"]
     pixel = len(setups[0][1].sensor.bands) * BYTES
     files = [f"{name}.tif" for name, _setup in setups]
@@ -163,7 +163,7 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """The scenes that the options describe: for each, the path without ending, and the `Setup`."""
+    """For each scene that the options describe, the path of its files without ending, and its `Setup`."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments
@@ -193,7 +193,7 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
-    """Random misregistration (down, right) of each band, up to `most` [pixel]; 0 for the first; () if `most` is 0."""
+    """Random misregistration (down, right) of up to `most` [pixel], 0 for the first band; () if `most` is 0."""
     import numpy as np
 
     if most == 0:

@@ -1,9 +1,9 @@
-"""Glint compensation: corrections beyond a linear removal, for bands that differ in time, blur or noise.
+"""Glint compensation: corrections in addition to a linear removal, for bands that differ in time, blur or noise.
 
-A chain is a sequence of stages (`STAGES`, one module each) before and after the removal; `fit_chain` fits a chain to a
-sample, `apply_chain` applies a fitted chain to a block with a halo.
-
-This package works on arrays. It does not deal with files, tiles, threads, water masks or logging.
+A linear removal predicts the glint of each band from the NIR. A chain is a sequence of stages (`STAGES`) that process
+the image before and after the removal. `fit_chain` fits a chain to a sample of a scene; `apply_chain` applies it to a
+block of pixels with a halo. This package works on arrays. It does not deal with files, tiles, threads, water masks or
+logging.
 """
 
 from .background import Background

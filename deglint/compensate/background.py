@@ -1,13 +1,14 @@
 """Background: a band without glint, estimated from the darkest pixels within a window (morphological opening).
 
-An opening is the minimum over a window, then the maximum of these minima. It removes glint, which is brighter and
-smaller than the objects to keep. An opening by a square also removes corners and round edges of objects. Openings by an
-octagon and a diamond keep such edges, but also more glint. Their excess over the opening by a square is the outline
-detail. Outline detail is used only where it is larger in two bands than the detail of sparkle in the NIR bands, which
-show no objects under water. In each band it is at most `MOST` times the larger detail of the two neighbours in time.
+An opening is the minimum over a window, then the maximum of these minima. It removes glint, which is brighter than the
+water, and narrower than the objects to keep. An opening by a square also removes corners and round edges of objects.
+Openings by an octagon and a diamond keep such edges, but also more glint. Their excess over the opening by a square is
+the outline detail. Outline detail is used only where it is larger in two bands than the detail of sparkle in the NIR
+bands, which show no objects under water. In each band it is at most `MOST` times the larger detail of the bands taken
+before and after it.
 
-Fails where clumps of glint are wider than the window (their darkest pixel is glint). Objects and textures of the bottom
-that are narrower than the window are removed.
+The method fails where clumps of glint are wider than the window, as their darkest pixel is glint. Objects and textures
+of the bottom that are narrower than the window are removed, too.
 
 References
 ----------
@@ -36,9 +37,7 @@ RARE_SPARKLE = 0.99
 which outline detail is used. About one clump in ten windows exceeds the quantile."""
 ABOVE = 1.5
 """The limit as a multiple of that quantile. With 1, sparkle adds 10 % to errors at 9 m/s; with 4, faint discs go."""
-COVER_K = 3.0
-"""A pixel counts in the fraction of glint pixels if it exceeds the background by this number of standard deviations of
-noise (0.1 % of the pixels with normal noise do)."""
+COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the background (0.1 % do so by chance)
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
 """Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
@@ -58,13 +57,13 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     size : int
         Width of the window, odd [pixel].
     cut : int
-        Side of the corners that are cut off [pixel]: 0: a square, a quarter of the size: an octagon, half: a diamond.
+        Side of the corners that are cut off [pixel]: 0 for a square, size / 4 for an octagon, size / 2 for a diamond.
 
     Returns
     -------
     (row, column) float32 ndarray
-        ``dilate(median_3x3(erode(band)))``. The median removes isolated minima, so that a bright area remains only if
-        the window fits into it at several places.
+        ``dilate(median_3x3(erode(band)))`` [unit of the band]. The median removes isolated values, so that a bright
+        area remains only if the window fits into it at several positions.
     """
     import cv2
 
@@ -79,7 +78,7 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
 
 
 def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
-    """Structuring elements of five pixels. Applied in sequence, they act as a diamond of this radius [pixel]."""
+    """Structuring elements of five pixels which, applied in sequence, act as a diamond of this radius [pixel]."""
     parts, reach = [], 0
     while reach < radius:
         arm = min(max(reach, 1), radius - reach)
@@ -91,11 +90,11 @@ def _diamond(radius: int) -> list[npt.NDArray[np.uint8]]:
 
 
 def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
-    """Outline detail of bands `sharp`: openings by an octagon and a diamond, minus `level`, the opening by a square.
+    """Outline detail of `sharp`: the larger of its openings by an octagon and a diamond, minus `level`; at least 0.
 
-    All arrays are (band, row, column); the detail is not negative. The octagon is 2 pixels narrower than the square of
-    side `size` [pixel], so that it fits into blurred discs. The diamond is 4 pixels wider than the square, so that the
-    areas are similar: for a `size` of 13, 145 pixels (diamond) and 169 (square).
+    All arrays are (band, row, column); `level` has the openings of `sharp` by a square of side `size` [pixel]. The
+    octagon is 2 pixels narrower than the square, so that it fits into blurred discs. The diamond is 4 pixels wider, so
+    that the areas are similar: for a `size` of 13, 145 pixels (diamond) and 169 (square).
     """
     octagon, diamond = size - 2, size + 4
     out = np.empty_like(sharp)
@@ -106,8 +105,9 @@ def outlines(sharp: Float32, level: Float32, size: int) -> Float32:
 
 
 def shared(details: Float32, order: tuple[int, ...]) -> Float32:
-    """Outline detail, limited in each band to `MOST` times the larger detail of the bands before and after it in time.
-    `details`, result: (band, row, column), any unit of glint; `order`: 0-based bands by time. A single band gets 0.
+    """Limit the outline detail of each band to `MOST` times the larger detail of the bands taken before and after it.
+    `details` and the result are (band, row, column), in a unit in which glint is the same in all bands; `order` has the
+    0-based bands in order of time. If there is only one band, its detail is set to 0.
     """
     out = np.empty_like(details)
     for place, b in enumerate(order):
@@ -117,7 +117,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode m of `excess` (pixel,), a band minus its opening; and standard deviation about m of the values below m."""
+    """Mode of `excess` (pixel,), a band minus its opening; and standard deviation about it of the values below it."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -130,7 +130,7 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def around(band: Float32, cap: float) -> Float32:
-    """Mean over `PIT_SIDE` x `PIT_SIDE` pixels around each pixel (row, column); values above `cap` count as `cap`."""
+    """Mean of a band over 9 x 9 pixels (`PIT_SIDE`) around each pixel, (row, column), with values limited to `cap`."""
     import cv2
 
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
@@ -138,7 +138,7 @@ def around(band: Float32, cap: float) -> Float32:
 
 @dataclass(frozen=True)
 class Background:
-    """The stage `identify-level`: the background of each band; pixels that exceed it are glint."""
+    """The fitted stage `identify-level`: it estimates the background of each band; pixels that exceed it are glint."""
 
     name: ClassVar[str] = "identify-level"
     size: int  # width of the window [pixel]
@@ -159,13 +159,13 @@ class Background:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage needs: reach of the opening, of outlines, and of pits or `psf`."""
+        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its filters."""
         grown = 0 if self.limit is None else 4 + self.size // 2
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """Bands to open, and their openings by a square, (band, row, column) each. The bands are deconvolved if a stage
-        `psf` came before. If the image has ringing, the bands are those of the image, with pits (see `ringing`) filled.
+        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. The
+        bands are those of the image, or deconvolved after a stage `psf`; with ringing, pits of the image are filled.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -174,13 +174,13 @@ class Background:
         return source, np.stack([opening(b, self.size) for b in source])
 
     def details(self, source: Float32, level: Float32) -> Float32:
-        """Outline detail of `source`, limited by `shared` [`colour`]; `level`: square openings; (band, row, column)."""
+        """Outline detail of bands `source` in units of `colour`, limited by `shared`; `level` is as in `outlines`."""
         found = outlines(source, level, self.size)
         found /= np.array(self.colour, np.float32)[:, None, None]
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without `offsets`: openings plus outline detail, blurred if deconvolved."""
+        """Background (band, row, column) before `offsets` are added: openings by a square plus outline detail."""
         import cv2
 
         source, level = self.opened(state)
@@ -191,15 +191,15 @@ class Background:
                 near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
                 for b, unit in enumerate(self.colour):
                     level[b] += detail[b] * (near * np.float32(unit))
-        if state.sharp is not None and state.psfs is not None and not self.caps:
+        if state.sharp is not None and state.psfs is not None and not self.caps:  # as blurred as the image
             level = np.stack([blurred(b, p) for b, p in zip(level, state.psfs, strict=True)])
         return level
 
     def apply(self, state: State) -> State:
-        """Determine the background, and mark the pixels that exceed it.
+        """Determine the background, and mark the pixels that exceed it as glint.
 
-        Pixels in which only noise exceeds the background are marked, too. A limit higher by one standard deviation of
-        noise changes errors by less than 2 %, but by 19 % in dense glint, where it misses faint glint.
+        Pixels in which only noise exceeds the background are marked, too. With a limit that is higher by one standard
+        deviation of noise, errors change by less than 2 %, but by 19 % in dense glint, where it misses faint glint.
         """
         background = self.level(state)
         background += np.array(self.offsets, np.float32)[:, None, None]
@@ -207,9 +207,8 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the background to a sample of a scene; `number` is the odd width of the window, 13 by default [pixel].
-
-    Raises FitError: the sample is too small.
+    """Fit the stage to a sample of a scene. `number` is the width of the window [pixel], odd, 13 by default.
+    `setting` has the properties of the scene. Raises FitError if the sample is too small.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
@@ -236,18 +235,18 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Limit from which outline detail is used [`colour`]: above the detail of sparkle in the 0-based bands `nir`."""
+    """Limit above which outline detail is used [`colour`], from the detail of sparkle in the 0-based bands `nir`."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
 def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
-    """A pair for each band if resampling has caused ringing: the largest value of water without glint, and the standard
-    deviation of noise. Empty if there is no ringing.
+    """The largest value of water without glint and the standard deviation of noise, as a pair for each band, if the
+    image has ringing. Without ringing, the result is empty.
 
-    Resampling leaves negative lobes (pits) beside sparkle, and an erosion would widen them. Dark objects are darker
-    than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band has
-    pits in more than a share `MOST_PITS` of its pixels. `sigma`: standard deviation of noise, (band,).
+    Resampling leaves negative lobes (pits) beside sparkle (ringing), and an erosion would widen them. Dark objects are
+    darker than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band
+    has pits in more than a share `MOST_PITS` of its pixels. `sigma`, (band,), is the standard deviation of noise.
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):

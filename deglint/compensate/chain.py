@@ -1,4 +1,4 @@
-"""Fit and apply a chain: its stages and the removal, each fitted to the result of the stages before it."""
+"""Fit and apply a chain, its stages and the removal of glint; each is fitted to the result of the stages before it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,9 +29,9 @@ class FittedChain:
 
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
-    """Fit a chain to a sample; `text` is the chain (see `parse`; "remove": no stages), `fit_removal` fits its removal.
-
-    Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
+    """Fit the stages and the removal of a chain to a sample; `text` is the chain as in `parse` ("remove": no stages).
+    `setting` has properties of the scene; `fit_removal` fits the removal. Raises FitError if the sample is too small,
+    and InputError if a stage lacks what it needs.
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")
@@ -43,13 +43,13 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
 
 
 def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
-    """Apply a fitted chain to a block with a halo; `model` is its removal."""
+    """Apply a fitted chain to a block with its halo, and return the new state; `model` is the model of its removal."""
     state = removed(apply_stages(state, chain.before), model)
     return apply_stages(state, chain.after)
 
 
 def removed(state: State, model: GlintModel) -> State:
-    """The state after the removal by `model`, with the subtracted glint in `State.removed`."""
+    """The state after subtraction of the glint that `model` predicts; its field `removed` has the subtracted glint."""
     if not model.fits:
         return replace(state, removed=np.zeros_like(state.image))
     if not model.halo:
@@ -64,5 +64,5 @@ def removed(state: State, model: GlintModel) -> State:
 
 
 def with_targets(state: State) -> Float32:
-    """The image after all stages, (band, row, column), with the contrast of targets restored."""
+    """Image of a state after all stages, (band, row, column), with the contrast of targets restored."""
     return state.image if state.targets is None else state.image + state.targets

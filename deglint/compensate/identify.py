@@ -1,4 +1,4 @@
-"""Identify glint by one threshold for each band: the median of deep water plus `K` standard deviations."""
+"""Identify glint by a threshold for each band: the median of deep water plus a number of standard deviations."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -13,7 +13,7 @@ K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """The stage `identify-median`: every pixel above a threshold is marked as glint, also bright objects and shoals."""
+    """The fitted stage `identify-median`: pixels above a threshold are glint, including bright objects and shoals."""
 
     name: ClassVar[str] = "identify-median"
     halo: ClassVar[int] = 0
@@ -26,10 +26,10 @@ class IdentifyMedian:
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> IdentifyMedian:
     """Compute thresholds from a sample; `number` is the number of standard deviations above the median, 5 by default.
-
     The standard deviation is estimated from the values x below the median m, as glint only adds light: ``1.4826
     median(m - x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408). It is at least the standard
-    deviation of noise. Fails where glint covers half of the pixels: the median is then glint.
+    deviation of noise. A threshold is at most the saturation value, from `setting` or the sample. The method fails
+    where glint covers half of the pixels, as the median is then glint.
     """
     k = K if number is None else number
     unit = sample.states[0].unit

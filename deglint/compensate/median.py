@@ -1,4 +1,4 @@
-"""Adaptive median: glint that no stage before has replaced is set to the median of glint-free pixels around it."""
+"""Adaptive median: pixels that are still glint are set to the median of the glint-free pixels around them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -17,14 +17,14 @@ VALUES_AT_ONCE = 1 << 22  # values processed at a time: 16 MB
 
 @dataclass(frozen=True)
 class Median:
-    """The stage `median`: replace glint pixels by the adaptive median."""
+    """The stage `median`: it replaces glint by the median of glint-free pixels, in a window that grows where needed."""
 
     name: ClassVar[str] = "median"
     largest: int = LARGEST_MEDIAN  # side of the largest window, odd [pixel]
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage needs: half the largest window."""
+        """Margin around a block that the stage needs [pixel]: half the side of the largest window."""
         return self.largest // 2
 
     def apply(self, state: State) -> State:
@@ -48,7 +48,7 @@ def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARG
         True for pixels to replace, and for glint-free pixels from which the median may be computed.
     largest : int
         Side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until the
-        window contains `CLEAN` glint-free pixels.
+        window contains 5 glint-free pixels (`CLEAN`).
 
     Returns
     -------

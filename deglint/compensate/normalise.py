@@ -13,7 +13,7 @@ from .state import Float32, Sample, Setting, State
 
 @dataclass(frozen=True)
 class Normalise:
-    """The stage `normalise`: the typical value of deep water (level) by which each band is divided."""
+    """The fitted stage `normalise`: it divides each band by its level, which is the typical value of deep water."""
 
     name: ClassVar[str] = "normalise"
     halo: ClassVar[int] = 0
@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of `values` (pixel,) and False; or mode and True, if the share of glint pixels is above `most_cover`."""
+    """Median of `values` (pixel,) and False; their mode and True if the share of glint pixels exceeds `most_cover`."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))
@@ -42,11 +42,11 @@ def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normalise:
-    """Determine the level of water in each band.
+    """Determine the level of deep water in each band of `setting` from a sample. The level is the median of the band.
 
-    `number`: if more than this percentage of the pixels are glint, the mode is used instead of the median. By default
-    the median is always used. With glint, the median is too high, so that the normalised band is too low. This partly
-    compensates for glint in a band that replaces another. Raises FitError: a band has no positive level.
+    If more than `number` percent of the pixels are glint, the mode is used instead; by default it is never used. With
+    glint, the median is too high, so that the normalised band is too low. This partly compensates for the glint in a
+    band whose values replace those of another band. Raises FitError if a band has no positive level.
 
     References
     ----------

@@ -10,13 +10,13 @@ x is a band after removal, w the water, n noise of variance :math:`s^2`, and r t
 left, or removed in excess. The variance v of r grows with the removed glint g and is measured on the scene. Pixels are
 grouped by g. In each group, v is the variance about a median of 5 x 5 pixels, minus the same variance in the group with
 the least glint. Variation where no glint was removed (noise of any correlation, and texture) is thus not counted as
-glint, and a pixel from which nothing was removed keeps its value to the bit. The mean :math:`\mu` and the variance
+glint, and a pixel from which nothing was removed keeps exactly its value. The mean :math:`\mu` and the variance
 :math:`\tau^2` of the water are estimated from a window about twice as wide as a clump of glint, with the weights
 :math:`1 / (v + s^2)` (for constant v this is the filter of Lee 1980). At edges and objects, :math:`\tau^2` is large,
 and the pixel is hardly changed.
 
-Fails where strong glint covers all of a window: the mean of the water then has the error of the removal. Objects
-narrower than a clump under strong glint are lost, but get a large standard error. Costs three box filters per band.
+The method fails where strong glint covers a window: the mean of the water then has the error of the removal. Objects
+narrower than a clump under strong glint are lost, but get a large standard error. Cost: three box filters per band.
 
 References
 ----------
@@ -56,8 +56,8 @@ pixels, and for the posterior mean also pixels that are zero or negative in a co
 class LeftOver:
     """Variance of the glint that the removal left in one band.
 
-    The variance is interpolated linearly between the amounts in `glint`. For more glint than the last amount, it grows
-    with the square of the removed glint.
+    The variance depends on the removed glint. It is interpolated linearly between the amounts in `glint`; above the
+    last amount, it grows with the square of the removed glint.
     """
 
     band: int  # 0-based
@@ -67,7 +67,7 @@ class LeftOver:
     ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
 
     def of(self, glint: Float32) -> Float32:
-        """Variance of the glint left in each pixel [unit of the band squared], from removed `glint`; (row, column)."""
+        """Variance of the glint that is left, (row, column) [unit of the band squared], given the removed `glint`."""
         if not any(self.variance):
             return np.zeros_like(glint)
         part = glint * np.float32(1 / self.glint[-1])
@@ -100,7 +100,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
 
 
 def _taken(state: State) -> Float32:
-    """Glint that the removal subtracted, (band, row, column); InputError without a removal."""
+    """Glint that the removal subtracted, (band, row, column). Raises InputError if there was no removal."""
     if state.removed is None:
         raise InputError("the posterior mean needs the glint that removal took: put the stage after remove.")
     return state.removed
@@ -108,9 +108,9 @@ def _taken(state: State) -> Float32:
 
 @dataclass(frozen=True)
 class Posterior:
-    """The stage `posterior`: replace the image by the posterior mean, and estimate the variance of the error.
+    """The fitted stage `posterior`: it replaces the image by the posterior mean, and estimates its error variance.
 
-    If `resolved` is False, variation under glint may be texture of the water: only `State.variance` is set then.
+    If `resolved` is False, the image is not changed, as its variation may be texture; only `State.variance` is set.
     """
 
     name: ClassVar[str] = "posterior"
@@ -121,16 +121,16 @@ class Posterior:
 
     @property
     def side(self) -> int:
-        """Side of the window for the mean of the water [pixel]."""
+        """Side of the window from which the mean of the water is estimated [pixel]."""
         return 2 * round(CLUMP_REACH * max(self.width, NARROWEST_CLUMP)) + 1
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage needs."""
+        """Margin around a block that the stage needs [pixel]."""
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """Replace the image by the posterior mean if `resolved`, and set `State.variance`."""
+        """Replace the image by the posterior mean if `resolved`, and set `State.variance` if `State.errors` is True."""
         taken, image = _taken(state), state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = np.zeros(state.water.shape, np.bool_)
@@ -152,13 +152,13 @@ class Posterior:
 
 
 def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Float32 | None = None) -> Float32:
-    """Posterior mean of the water in a band, noise included, (row, column); equal to `x`, to the bit, where `v` is 0.
+    """Posterior mean of water plus noise in a band, (row, column) [unit of `x`]; exactly equal to `x` where `v` is 0.
 
     x : (row, column), a band after removal
     v : (row, column), variance of the glint that is left in each pixel [unit of `x` squared]
     s2 : variance of noise [unit of `x` squared]
     side : side of the window for the mean of the water [pixel]
-    error : (row, column), array for the variance of the error, noise included [unit of `x` squared]; None: not needed
+    error : (row, column), array to fill with the error variance, noise included [unit of `x` squared]; None: not needed
     """
     import cv2
 
@@ -185,7 +185,7 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Flo
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Fit the stage: measure the glint that is left in a sample after the removal.
+    """Fit the stage: measure the glint that is left in a sample after the removal. `setting` describes the scene.
 
     `number` is the width of a clump of glint [pixel]; by default it is measured in the first NIR band.
     """

@@ -41,13 +41,13 @@ class PSF:
 
     @property
     def radius(self) -> int:
-        """Pixels from the centre of the kernel to its edge."""
+        """Radius of the kernel [pixel]: ``(side - 1) / 2``."""
         return len(self.kernel) // 2
 
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
-        """Pairs of vectors (down, across), (side,) each; the sum of their outer products approximates the kernel best.
+        """Approximate the kernel by a sum of outer products; return its pairs of vectors (down, across), (side,) each.
 
-        There are `rank` pairs, or fewer for a small kernel. The approximation is scaled to a sum of 1.
+        There are `rank` pairs, or fewer for a small kernel. The least-squares approximation is scaled to a sum of 1.
         """
         left, values, right = np.linalg.svd(self.kernel)
         pairs = [(left[:, i] * values[i], right[i]) for i in range(min(rank, len(values)))]
@@ -56,18 +56,18 @@ class PSF:
 
 
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
-    """PSF of a band from the sensor's optics: Fourier transform of the MTF `deglint.physics.sensor.mtf`.
+    """PSF of a band from the sensor's optics: the Fourier transform of its MTF (`deglint.physics.sensor.mtf`).
 
     wavelength : centre of the band [nm]
     f_number : focal length divided by the diameter of the aperture
     pitch : distance between the centres of neighbouring detector elements [m]
     smear : motion during the exposure, along the columns of the image [pixel]
 
-    Returns the smallest kernel with at most 3 % of the light outside; at most 21 pixels wide. The optics are assumed to
-    be perfect and in focus, with a round, unobstructed aperture, and the band to have one wavelength. The share of the
-    light outside radius R [pixel] is about ``2 Q / (pi**2 R)`` with Q = wavelength * f_number / pitch.
+    Returns the smallest kernel with at most 3 % of the light outside it, but at most 21 pixels wide. The optics are
+    assumed to be perfect and in focus, with a round, unobstructed aperture, and the band to have one wavelength. The
+    share of the light outside radius R [pixel] is about ``2 Q / (pi**2 R)`` with Q = wavelength * f_number / pitch.
 
-    Raises InputError: a number is outside the range of the model of the optics.
+    Raises InputError if a number is outside the range of the model of the optics.
 
     Boreman (2001), Modulation Transfer Function in Optical and Electro-Optical Systems, doi:10.1117/3.419857.
 
@@ -90,7 +90,7 @@ def typical_psf(wavelength: float) -> PSF:
     """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
 
     The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide
-    for optics that are sharper by a third or more. On seven seas simulated with f/10 and f/30, the error after
+    for optics that are sharper by a third or more. For seven seas, simulated with f/10 and f/30, the error after
     sharpening with the typical PSF is 13 % larger than with the true PSF; without sharpening it is 39 % larger.
     """
     return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])

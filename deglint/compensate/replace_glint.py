@@ -11,13 +11,13 @@ from .state import Float32, Mask, Sample, Setting, State
 
 @dataclass(frozen=True)
 class ReplaceLevel:
-    """The stage `replace-level`: replace glint by the background of the same band, for any spectrum of the water."""
+    """The stage `replace-level`: it replaces glint by the background of the same band, for any spectrum of water."""
 
     name: ClassVar[str] = "replace-level"
     halo: ClassVar[int] = 0
 
     def apply(self, state: State) -> State:
-        """Set glint pixels to the background."""
+        """Set glint pixels to the background of the band, and mark them as replaced."""
         if state.background is None or state.glint is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
@@ -25,10 +25,10 @@ class ReplaceLevel:
 
 @dataclass(frozen=True)
 class ReplaceBands:
-    """The stage `replace-bands`: replace glint by the value of the spectrally nearest band without glint.
+    """The stage `replace-bands`: it replaces glint by the value of the spectrally nearest band without glint.
 
-    Values are relative to deep water (stage `normalise`). The contrast with deep water is assumed to be equal in both
-    bands. The texture of the image is kept. Glint below the threshold is copied, too, and objects change their colours.
+    Values must be relative to deep water (stage `normalise`). The contrast with deep water is assumed to be equal in
+    both bands. Texture is kept. Glint too faint to be marked is copied, too, and objects change their colours.
     """
 
     name: ClassVar[str] = "replace-bands"
@@ -36,7 +36,7 @@ class ReplaceBands:
     order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
-        """Replace glint; pixels with glint in every band stay marked."""
+        """Replace glint; pixels with glint in every band are not changed, and stay marked as glint."""
         if state.glint is None:
             raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
         values, found = nearest_clean(state.image, state.glint, self.order)
@@ -44,7 +44,7 @@ class ReplaceBands:
 
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
-    """State with `values` in pixels `where`, (band, row, column) both, marked as replaced; `changes`: fields to set."""
+    """Set pixels `where` to `values`, (band, row, column) both, mark them as replaced, and set the fields `changes`."""
     import cv2
 
     replaced, image = where if state.replaced is None else state.replaced | where, state.image.copy()
@@ -54,8 +54,8 @@ def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
 
 
 def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...]) -> tuple[Float32, Mask]:
-    """The image with glint replaced from the nearest band without glint in the pixel, and the mask of replaced values.
-    Arrays are (band, row, column); `order`: see `ReplaceBands`. A pixel with glint in every band keeps its values.
+    """Replace glint by the value of the nearest glint-free band; return image and mask of replacements, (band, row,
+    column). `order` lists for each band the others, nearest first. Pixels with glint in every band are not changed.
     """
     values, todo = image.copy(), glint.copy()
     for band, others in enumerate(order):
@@ -67,7 +67,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """For each band, order the others by distance in wavelength, or in the file if wavelengths are not known."""
+    """Make the stage `replace-bands`; nearest bands are those in wavelength or, if it is not known, in the file."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     count = range(len(place))

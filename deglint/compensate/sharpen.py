@@ -16,7 +16,7 @@ FLOOR = 1e-3  # lower limit of values, as a share of the band's median: the algo
 
 
 def blurred(band: Float32, psf: PSF, rank: int = 2) -> Float32:
-    """A band (row, column) convolved with a PSF: a sum of `rank` separable kernels; with 1, errors are 5 % larger."""
+    """Convolve a band (row, column) with a PSF, as a sum of `rank` separable kernels; with 1, errors are 5 % larger."""
     import cv2
 
     parts = [
@@ -66,7 +66,7 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
 
 @dataclass(frozen=True)
 class Sharpen:
-    """The stage `psf`: deconvolved bands, from which the background is determined; the image itself is not changed."""
+    """The fitted stage `psf`: it deconvolves the bands, only to determine the background from them."""
 
     name: ClassVar[str] = "psf"
     psfs: tuple[PSF, ...]  # PSF of each band
@@ -75,7 +75,7 @@ class Sharpen:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the iterations need."""
+        """Margin around a block that the iterations need [pixel]."""
         return 2 * self.iterations * max(p.radius for p in self.psfs)
 
     def sharp(self, state: State) -> Float32:
@@ -90,19 +90,19 @@ class Sharpen:
 
 @dataclass(frozen=True)
 class SharpenImage(Sharpen):
-    """The stage `psf-image`: the deconvolved bands become the image, as in Fink (2014), section 6.3."""
+    """The fitted stage `psf-image`: the deconvolved bands become the image, as in Fink (2014), section 6.3."""
 
     name: ClassVar[str] = "psf-image"
 
     def apply(self, state: State) -> State:
-        """Replace every band by its deconvolution."""
+        """Replace every band by its deconvolution, and mark all water as replaced."""
         return replace(state, image=self.sharp(state), replaced=np.broadcast_to(state.water, state.image.shape))
 
 
 def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """Make a stage of class `kind` with the PSFs of a scene; `number` is the number of iterations, 2 by default.
+    """Make a stage of class `kind` with the PSFs in `setting`; `number` is the number of iterations, 2 by default.
 
-    Raises InputError: the PSFs are not known.
+    The lower limits of the values come from the sample. Raises InputError if the PSFs are not known.
     """
     if setting.psfs is None:
         raise InputError(

@@ -1,7 +1,7 @@
 """Models (normal distributions) of the spectra of targets on the sea, and of sparkle that stays bright in all bands.
 
-A target is painted (its spectrum has steep edges), or grey and under 0 to 5 m of water. Measured spectra of targets are
-not needed: an image with eight bands does not resolve the details of such spectra.
+A target is either painted (its spectrum has steep edges), or grey and under 0 to 5 m of water. Measured spectra of
+targets are not needed: an image with eight bands does not resolve the details of such spectra.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,15 +44,15 @@ blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and 
 
 
 def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float64, Float64]:
-    """Model spectra of targets in bands given by centre and full width [nm].
+    """Model spectra of targets in bands with centres `wavelengths` and full `widths`, (band,) both [nm].
 
     Returns
     -------
     values : (spectrum, band) ndarray
         Reflectance divided by the reflectance of the brightest band.
     factors : (spectrum, 5, band) ndarray
-        Change of `values` by one standard deviation of brightness, slope, curvature and the wavelengths of two edges
-        (five factors, in this order).
+        Change of `values` by one standard deviation of each of five factors: brightness, slope, curvature and the
+        wavelengths of two edges.
     weight : (spectrum,) ndarray
         Prior probability of each spectrum: half of the targets are grey, half are painted.
     """
@@ -85,11 +85,11 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], change: float) -> list[Flash]:
     """Models of a flash that lasts through all bands, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
-    The brightness changes with time by a linear and a quadratic part. All arguments but `change` have one value a band.
+    The brightness changes with time by a linear and a quadratic part. All arguments but `change` have a value per band.
 
-    glint : spectrum of glint divided by the light on a target
+    glint : spectrum of glint divided by the radiance of a white target (`Targets.light`)
     time : time offset [s]
-    s : standard deviation of noise divided by the light on a target
+    s : standard deviation of noise divided by the radiance of a white target
     change : standard deviation of either part relative to the brightness: `CHANGE`; for a white target `NO_CHANGE`
     """
     u, spectrum = (np.array(time) - np.mean(time)) / np.ptp(time), np.array(glint) / max(glint)
@@ -106,9 +106,9 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """Models of targets, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
-
-    Arguments (band,): centre, full width [nm]; radiance of water, standard deviation of noise [both `Targets.light`].
+    """Models of targets, one for each brightness 2**n with n = 0 to 16, in units of the radiance of a white target.
+    Arguments, (band,) each: centres and full widths of the bands [nm]; radiance of water and standard deviation `s` of
+    noise, both divided by the radiance of a white target (`Targets.light`).
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
@@ -129,10 +129,10 @@ def brightness(e: Float32) -> Places:
 
 
 def target_likelihoods(e: Float32, of_targets: list[Model]) -> tuple[Float32, Places]:
-    """Log likelihood of a target, and index of its likeliest spectrum, (pixel,) each.
+    """Log likelihood of a target in each pixel, and index of the likeliest spectrum of the target, (pixel,) each.
 
-    e : (band, pixel), excess over the background [`Targets.light`]
-    of_targets : from `models`
+    e : (band, pixel), excess over the background divided by `Targets.light`
+    of_targets : the models that `models` returns
     """
     likelihood, kind = np.empty(e.shape[1], np.float32), np.empty(e.shape[1], np.intp)
     for n, i, x in _pairs(e):
@@ -143,7 +143,7 @@ def target_likelihoods(e: Float32, of_targets: list[Model]) -> tuple[Float32, Pl
 
 
 def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
-    """Log likelihood of a flash, (pixel,); `e`: as for `target_likelihoods`, `of_flashes`: from `flashes`."""
+    """Log likelihood of a flash, (pixel,); `e` is as in `target_likelihoods`, `of_flashes` is made by `flashes`."""
     likelihood = np.empty(e.shape[1], np.float32)
     for n, i, x in _pairs(e):
         form, constant = of_flashes[n]
@@ -161,7 +161,7 @@ def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast (band, pixel), at least 0, of targets with spectra `kind` (pixel,), from excess `e` (band, pixel)."""
+    """Contrast of targets, (band, pixel), at least 0, from excess `e` (band, pixel) and spectra `kind` (pixel,)."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)
@@ -170,7 +170,7 @@ def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -
 
 
 def same_outline(patch: Float32) -> Float32:
-    """Log likelihood ratio of target and sparkle, (pixel,); `patch`: excess in 3 x 3 pixels (pixel, 9, band).
+    """Log likelihood ratio of target and sparkle, (pixel,), from the excess in 3 x 3 pixels, `patch` (pixel, 9, band).
 
     A target has the same outline in all B bands: the patch is the product of one outline and one spectrum. The share of
     the sum of squares that this product does not explain is modelled as the mean square of B - 1 normal variables. For

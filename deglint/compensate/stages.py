@@ -1,7 +1,7 @@
 """Chains of stages: their text form, fitting to a sample of a scene, application to blocks, saving and reading.
 
-A chain is written as the names of its stages with their numbers, in order: ``psf:2, identify-level:13, replace-level,
-remove``. `remove` is the removal method; stages before it process the scene, stages after it its result.
+A chain is written as the names of its stages in order, some with a number: ``psf:2, identify-level:13, replace-level,
+remove``. `remove` is the removal by the NIR; stages before it process the scene, stages after it process the result.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, 
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage: an entry of `STAGES`."""
+    """Definition of a stage, a value of `STAGES`: its description, fit function, class, and the range of its number."""
 
     help: str  # description in one line
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
@@ -79,7 +79,7 @@ THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 
 @dataclass(frozen=True)
 class Step:
-    """One stage as written in the text form of a chain: its name and number."""
+    """One stage as written in the text form of a chain: its name, and its number or None for the default number."""
 
     name: str
     number: float | None = None
@@ -87,7 +87,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Chain:
-    """A fitted chain: the stages around a removal."""
+    """A fitted chain: the fitted stages before and after a removal."""
 
     before: tuple[Stage, ...] = ()  # stages before the removal
     after: tuple[Stage, ...] = ()  # stages after the removal
@@ -100,23 +100,23 @@ class Chain:
 
     @property
     def replaces(self) -> bool:
-        """Whether a stage replaces pixels in bands that the removal does not correct."""
+        """Whether a stage may replace pixels also in bands that the removal does not correct."""
         return any(
             s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after)
         )
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the chain needs."""
+        """Margin around a block that the chain needs [pixel]."""
         return sum(stage.halo for stage in (*self.before, *self.after))
 
     def numbers(self) -> dict[str, Any]:
-        """The fitted chain as plain values (JSON); `chain_from` reads them."""
+        """The fitted chain as a dictionary of plain values for JSON; `chain_from` reads it."""
         return {"chain": self.text, "before": [*map(plain, self.before)], "after": [*map(plain, self.after)]}
 
 
 def parse(text: str) -> tuple[Step, ...]:
-    """Parse the text form of a chain; a missing "remove" is added at its end.
+    """Parse the text form of a chain into its steps; a missing "remove" is added at its end.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def parse(text: str) -> tuple[Step, ...]:
 
 
 def _number(name: str, text: str) -> float:
-    """The number of stage `name`, from its text; InputError if the stage does not take it."""
+    """The number of stage `name`, read from `text`. Raises InputError if the stage does not accept this number."""
     kind = STAGES[name]
     if not kind.high:
         raise InputError(f"{name} takes no number, got {text!r}.")
@@ -159,7 +159,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Check that each stage comes after the stages whose results it needs; else raise InputError."""
+    """Check that each stage comes after the stages whose results it needs; if not, raise InputError."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]
@@ -182,17 +182,17 @@ def _check(names: Sequence[str]) -> None:
 
 
 def apply_stages(state: State, stages: Sequence[Stage]) -> State:
-    """Apply stages in order; the result is in the scene's unit."""
+    """Apply fitted stages to a state in order; the result is in the unit of the scene."""
     for stage in stages:
         state = stage.apply(state)
     return in_scene_units(state)
 
 
 def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
-    """Fit each stage to the sample after the stages before it; return the fitted stages, and the sample after them.
-    `steps` do not contain "remove".
+    """Fit each stage to the sample as it is after the stages before it; return the fitted stages, and the sample after
+    them. `steps` do not contain "remove"; `setting` has properties of the scene.
 
-    Raises FitError, InputError: the sample is too small, or a stage lacks what it needs.
+    Raises FitError if the sample is too small, and InputError if a stage lacks what it needs.
     """
     stages, states = [], sample.states
     for step in steps:
@@ -212,7 +212,7 @@ def plain(stage: Stage) -> dict[str, Any]:
 
 
 def stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read a stage from the values that `plain` returns; InputError if it is not a stage of this version."""
+    """Read a stage from the values that `plain` returns. Raises InputError if it is not a stage of this version."""
     rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
     try:
         kind = STAGES[data["stage"]].stage
@@ -227,7 +227,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns; InputError if it is not a chain of this version."""
+    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain."""
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
         return Chain(before, after, str(data["chain"]))
@@ -236,7 +236,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _tuples(value: Any) -> Any:
-    """The value with every list in it replaced by a tuple."""
+    """A copy of a value in which every list is replaced by a tuple, also inside lists and dictionaries."""
     if isinstance(value, dict):
         return {k: _tuples(v) for k, v in value.items()}
     return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

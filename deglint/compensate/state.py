@@ -1,4 +1,4 @@
-"""Data that pass from stage to stage of a compensation: a block of the image, and the results of the stages."""
+"""Data that pass from stage to stage of a compensation (`State`), and data to which stages are fitted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LEAST_DELAY = 0.01  # least time between the first and the last band, in which r
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A block of a scene during a compensation, arrays (band, row, column); stages never modify its arrays."""
+    """A block of a scene and the results of the stages so far, (band, row, column); stages never modify its arrays."""
 
     raw: Float32  # the block as read; finite everywhere
     image: Float32  # the block after the stages so far; finite everywhere
@@ -41,7 +41,10 @@ class State:
 
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
-        """Initial state of a block (band, row, column); pixels that are not valid water are filled (see `filled`)."""
+        """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
+        Pixels that are not finite, or outside the mask `water` (row, column; None: all is water), are filled as by
+        `filled`. Raises InputError if values exceed the range of float32.
+        """
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
         with np.errstate(over="ignore"):
@@ -55,7 +58,7 @@ class State:
 
 
 def in_scene_units(state: State) -> State:
-    """The state in the scene's unit, as the removal needs it; pixels that were not replaced have the values as read."""
+    """The state in the unit of the scene, as the removal needs it; pixels not replaced get the values as read."""
     if state.unit is None:
         return state
     image = state.image * state.unit[:, None, None]
@@ -90,18 +93,18 @@ class Setting:
 
     @cached_property
     def wavelengths(self) -> Float64:
-        """Wavelengths of the bands [nm]; NaN where not known."""
+        """Wavelengths of the bands, (band,) [nm]; NaN where not known."""
         return np.array([b.wavelength or np.nan for b in self.bands])
 
     @cached_property
     def offsets(self) -> Float64 | None:
-        """Time offset of each band [s]; None if not known for all bands."""
+        """Time offset of each band, (band,) [s]; None if not known for all bands."""
         found = [b.time_offset for b in self.bands]
         return None if any(t is None for t in found) else np.array(found, np.float64)
 
     @cached_property
     def delayed(self) -> bool:
-        """Whether the times of the bands are known, and differ by at least `LEAST_DELAY`."""
+        """Whether the times of the bands are known, and differ by at least 0.01 s (`LEAST_DELAY`)."""
         return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
 
     @cached_property
@@ -112,14 +115,12 @@ class Setting:
 
     @cached_property
     def saturation(self) -> Float64:
-        """Declared saturation value of each band; infinity where there is none."""
+        """Declared saturation value of each band, (band,); infinity where there is none."""
         return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
 
     @cached_property
     def colour(self) -> Float32:
-        """Relative radiance of glint in each band: the direct irradiance of the sun [W m-2 nm-1]. All are 1 if one
-        wavelength is not known, or not between 300 and 1000 nm.
-        """
+        """Spectrum of glint: direct irradiance of the sun [W m-2 nm-1]; all 1 if a wavelength is not 300 to 1000 nm."""
         from ..physics.atmosphere import irradiance
 
         known = np.isfinite(self.wavelengths) & (self.wavelengths > 300) & (self.wavelengths < 1000)
@@ -130,13 +131,13 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Blocks of a scene with a halo, and for each a mask (row, column), True where a pixel is used for fitting."""
+    """Blocks of a scene, each with its halo and a mask (row, column) that is True where a pixel is used for fitting."""
 
     states: tuple[State, ...]
     inside: tuple[Mask, ...]
 
     def values(self, planes: Sequence[Float32]) -> Float32:
-        """Values of the sample's pixels, (pixel,), from one array (row, column) for each block; FitError if too few."""
+        """Values of the sample's pixels, (pixel,), from one array per block; raises FitError if there are too few."""
         found = np.concatenate([p[m] for p, m in zip(planes, self.inside, strict=True)])
         if found.size < FEWEST:
             raise FitError(f"the sample holds {found.size} pixels, need at least {FEWEST}. Widen the --sample.")
@@ -151,9 +152,8 @@ ROUNDED = 0.999  # share of the saturation value from which pixels count as satu
 
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
-    """Value from which a pixel counts as saturated, (band,): `ROUNDED` times the saturation value, or infinity.
-
-    The saturation value is the declared one, or the highest value of the sample if lower and in many pixels (`NEARLY`).
+    """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
+    The saturation value is the declared one, or the highest value of the sample, if this is lower and in many pixels.
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

@@ -55,8 +55,7 @@ the mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exce
 -0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
-DISPLACEMENTS = 37, 53
-"""Rows and columns by which later bands are displaced to simulate false alarms: wider than clumps [pixel]."""
+DISPLACEMENTS = 37, 53  # (row, column) of later bands to simulate false alarms; wider than clumps [pixel]
 EXCEEDS, FEWEST_LIT, LONE = 3.0, 3, 2.0
 """`EXCEEDS`: standard deviations of noise above which a pixel is lit (bright) in a band (one pixel of water in 700).
 `FEWEST_LIT`: fewest bands in which a target is lit. `LONE`: least S of a pixel of a target (odds of 7 to 1)."""
@@ -71,7 +70,7 @@ bin spans a factor of about 1.3, by which noise and blur vary a steady light."""
 
 @dataclass(frozen=True)
 class Targets:
-    """The stage `targets`: find small bright targets, whose contrast is restored after the removal."""
+    """The fitted stage `targets`: it finds small bright targets, whose contrast is restored after the removal."""
 
     name: ClassVar[str] = "targets"
     bands: Sequence[int] = ()  # 0-based bands that are used, in order of time
@@ -93,11 +92,11 @@ class Targets:
 
     @property
     def halo(self) -> int:
-        """Pixels around a block that the stage needs: the sum of the reaches of its steps, in their order."""
+        """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps, in their order."""
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Find targets and their contrast; without a background, also subtract this contrast from the image."""
+        """Set `State.targets` to the contrast of targets; without a background, also subtract it from the image."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -114,32 +113,34 @@ class Targets:
         return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
     def flashes(self, change: float = spectra.CHANGE) -> list[Flash]:
-        """Models of flashes that last through all bands, for each brightness; `change`: see `spectra.flashes`."""
+        """Models of flashes that last through all bands, for each brightness; `change` is as in `spectra.flashes`."""
         return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
 
     @cached_property
     def _steps(self) -> Float32:
-        """Log probabilities of bins (`following`) as an array, (table, bin in the band before, bin in the band)."""
+        """Log probability of each bin, given the bin in the band before (`following`): (table, bin before, bin)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
 
     @property
     def lit(self) -> int:
-        """Index of the histogram bin above which a pixel is lit in a band (see `EXCEEDS`)."""
+        """Index of the histogram bin above which a pixel is lit (brighter than the background by 3 times the noise)."""
         return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
 
     def binned(self, e: Float32) -> Places:
-        """Index of the histogram bin of each excess; `e` and result: (band, pixel)."""
+        """Index of the histogram bin of each excess; `e` and the result are (band, pixel)."""
         return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
 
     def sparkle(self, e: Float32) -> Float32:
-        """Log likelihood of pixels under the model of sparkle, (pixel,); `e`: excess (band, pixel) [`light`]."""
+        """Log likelihood of each pixel as sparkle, (pixel,); `e` (band, pixel) is the excess divided by `light`."""
         q = self.binned(e)
         chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
         each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2
         return np.asarray(each.sum(axis=0) + np.array(self.first, np.float32)[q[0]] + np.sum(chain, axis=0), np.float32)
 
     def score(self, e: Float32) -> tuple[Float32, Places]:
-        """S (see the module), index of the likeliest spectrum, (pixel,) each; `e`: excess (band, pixel) [`light`]."""
+        """Log likelihood ratio S of target and sparkle, and index of the likeliest spectrum of a target, (pixel,) each.
+        `e` (band, pixel) is the excess over the background divided by `light`.
+        """
         target, kind = spectra.target_likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
@@ -150,7 +151,7 @@ class Targets:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """A block and its background, and tests of their difference, the excess; bands in order of time."""
+    """A block, its background and their difference, the excess, with tests of the excess; bands in order of time."""
 
     stage: Targets
     raw: list[Float32]  # the block, (row, column) for each band
@@ -159,7 +160,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Make an `Excess` from a block and its background, (band, row, column) each; if None, from the local mean."""
+        """Make an `Excess` from a block `raw` and its background, (band, row, column); None: the local mean is used."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -173,8 +174,8 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
-        """Mask (row, column) of possible peaks of targets: lit, and near the maximum of 3 x 3 pixels, in at least three
-        bands, of which at least one is in the earlier half of the bands and one in the later half.
+        """Mask (row, column) of possible peaks of targets. Such a pixel is lit (`EXCEEDS`), and near the maximum of 3 x
+        3 pixels, in at least three bands, of which one is in the earlier half and one in the later half of the bands.
         """
         import cv2
 
@@ -187,8 +188,8 @@ class Excess:
         return np.asarray((count > 0).all(axis=0) & (count.sum(axis=0) >= FEWEST_LIT))
 
     def saturated(self) -> Mask:
-        """Mask (row, column) of pixels saturated in a band, and of their neighbours (3 x 3). They are not tested for
-        targets, as clipped sparkle has the spectrum of white paint. All False if all bands take longer than `LASTS`.
+        """Mask (row, column) of pixels saturated in a band, and of their neighbours. They are not tested for targets,
+        as clipped sparkle has the spectrum of white paint. All False if the bands take more than 0.1 s (`LASTS`).
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):
@@ -196,9 +197,9 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S (0 if at most `LONE`), score of 3 x 3 pixels (sum of S, plus `outline`), index of the likeliest spectrum.
-
-        Each is (row, column), and is computed at peaks and around them only.
+        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest spectrum.
+        Each is (row, column), and is computed at peaks and around them only. S is 0 where it is at most `LONE`. The
+        score is the sum of S over 3 x 3 pixels; where it is high, the log likelihood ratio of the `outline` is added.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
@@ -225,16 +226,16 @@ class Excess:
         return S, T, kind
 
     def outline(self, rows: Places, columns: Places) -> Float32:
-        """Log likelihood ratio (pixel,) of target and sparkle, from the outline in 3 x 3 pixels: `same_outline`."""
+        """Log likelihood ratio of target and sparkle, (pixel,), by `same_outline` in 3 x 3 pixels around each pixel."""
         (height, width), steps = self.raw[0].shape, (-1, 0, 1)
         row, column = ([np.clip(v + i, 0, n - 1) for i in steps] for v, n in ((rows, height), (columns, width)))
         return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Flat indices of pixels, and the contrast to restore there, (band, pixel); arguments: results of `scores`.
+        """Flat indices of pixels and contrast to restore there, (band, pixel); the arguments are results of `scores`.
 
-        Beside a target (`OUTLINE_REACH`) the result is the contrast of the target times a factor, 0 to 1. The factor is
-        the second lowest ratio, of all bands, of the excess beside the target to the contrast of the target.
+        Up to two pixels beside a target, it is the contrast of the nearest pixel of the target times a factor, 0 to 1:
+        the second lowest, of all bands, of the ratios of excess to contrast.
         """
         import cv2
 
@@ -258,10 +259,10 @@ class Excess:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
-    """Fit the stage to a scene: histograms of sparkle and the detection threshold.
+    """Fit the stage to a scene: histograms of sparkle and the detection threshold. `setting` describes the scene.
 
     Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. Where
-    `sample` has no background, the local mean is used. `number` is the false-alarm rate of a pixel, None for `RATE`.
+    `sample` has no background, the local mean is used. `number` is the false-alarm rate per pixel, 1e-5 by default.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not setting.delayed:
@@ -302,7 +303,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """A stage with the properties of its bands, `wavelengths` to `time`; `order`: 0-based bands in order of time."""
+    """Make a stage with the properties of its bands, fields `bands` to `time`; `order`: 0-based bands by time."""
     from ..physics.atmosphere import irradiance
 
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
@@ -320,7 +321,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the sample's pixels that are targets, with `Excess.afloat` set to False."""
+    """Share of the pixels of the sample in which `stage` finds targets, with `Excess.afloat` set to False."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -339,9 +340,8 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
-
-    `t`: time of each band [s]. The table of a step to the next band comes from the pairs of dark bands whose delay is
-    nearest to the delay of this step.
+    `t` is the time of each band [s]. The table for a step to the next band comes from the pairs of dark bands whose
+    delay is nearest to the delay of this step.
     """
     import cv2
 
@@ -366,14 +366,14 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels that are `steady` in all bands; faint: the darker half of those lit in the first band."""
+    """Share of faint pixels (darker half of those lit in the first band) that are `steady` in all bands (bins `q`)."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Mask (step, pixel): True if up to this step each band is lit, with a bin `q` within 1 of the band before."""
+    """Mask (step, pixel): True if, up to this step, each next band is lit, and the bin `q` changes by at most 1."""
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 

@@ -1,4 +1,4 @@
-r"""Standard errors of a compensated image, from the scene itself.
+r"""Standard errors of the pixels of a compensated image, from the scene itself.
 
 .. math:: \sigma^2 = \sigma_w^2 + (\sigma_b g / b)^2 + (b \sigma_0)^2
 
@@ -9,7 +9,7 @@ the background, measured by a trial: the glint of the scene is displaced by half
 image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
-calibration and atmosphere. An opening erases narrower objects without a larger standard error.
+calibration and atmosphere. Objects that an opening removes do not increase the standard error.
 
 References
 ----------
@@ -86,7 +86,7 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
 
 
 def _trial(done: State) -> State:
-    """State for a trial from a state `done` after all stages: its image plus the glint removed half a block away."""
+    """State for a trial: the image of `done`, a state after all stages, plus the glint removed half a block away."""
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
@@ -96,7 +96,7 @@ def _trial(done: State) -> State:
 
 
 def _span(band: Float32) -> Float32:
-    """Maximum minus minimum in `SPAN` x `SPAN` pixels around each pixel (row, column), after a 5 x 5 median."""
+    """Maximum minus minimum in 7 x 7 pixels around each pixel, (row, column), after a median of 5 x 5 pixels."""
     import cv2
 
     plane, window = cv2.medianBlur(band, 5), np.ones((SPAN, SPAN), np.uint8)
@@ -123,7 +123,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
 
 def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior:
-    """Measure the glint left in a sample after a removal without stages; returns a stage that only sets the variance.
+    """Measure the glint left in a sample `after` the removal by `model`; return a stage that only sets the variance.
 
     The true slope is 1 to 1/rho times the slope of least squares; rho is the correlation of the band with the glint. If
     the variance that glint does not explain is signal of water, this factor is 1; if it is glint that moved between
@@ -139,5 +139,5 @@ def fit_removed(after: Sample, setting: Setting, model: GlintModel) -> Posterior
 
 
 def halo(errors: Sequence[ReplacedError]) -> int:
-    """Pixels around a block that `stderr` needs."""
+    """Margin around a block that `stderr` needs [pixel]; `errors` is the result of `fit_replaced`."""
     return SPAN // 2 + 2 if errors else 0

@@ -1,11 +1,11 @@
 """Masks: which pixels are water, and which water is a good sample for fitting glint slopes.
 
 Each mask is made in two steps: `fit_water` and `fit_sample` determine a rule (a few numbers) from some blocks of the
-scene; `water` and `deep_water` apply the rule to any block. A tile that is read with `rule.halo` more pixels on every
-side, and then cropped, has exactly the mask of the whole scene. Nothing is extrapolated beyond the edge of the image.
+scene; `water` and `deep_water` apply the rule to any block. If a tile is read with a margin of `rule.halo` pixels, and
+its mask is cropped to the tile, the mask equals that of the whole scene. The image is not extrapolated.
 
-Thresholds come from the scene, because its unit is not known (digital numbers, radiance, reflectance). This package
-reads no files, keeps no state, and never changes a pixel.
+Thresholds are determined from the scene, because its unit is not known (digital numbers, radiance, reflectance). The
+functions read no files, keep no state, and never change a pixel.
 """
 
 from .find import fit_water

@@ -1,6 +1,7 @@
-"""Find water by a threshold of the NIR, determined from the colours of the scene's pixels.
+"""Find water by a threshold of the NIR, which is determined from the colours of the scene's pixels.
 
-Every criterion is a difference or a rank, so that it does not depend on the unit or on an offset common to all bands.
+Criteria are differences or ranks, which do not depend on the unit or on an offset common to all bands. Only where the
+bands are radiances, they are ratios, because white then has different values in the bands (`_View.white`).
 """
 
 from __future__ import annotations
@@ -80,25 +81,25 @@ def fit_water(
 ) -> WaterRule:
     """Determine from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
-    Water absorbs the NIR. It is therefore darker in the NIR than in the visible, with glint or without: this is the
-    sign of the NDWI. The sign does not depend on the unit or on a common offset, but it is noisy: roofs and shadows
-    look like water, and some water does not. Therefore each pixel votes by its sign. The threshold of the NIR separates
-    the votes with the fewest errors, and is then moved into the gap between water and land.
+    Water absorbs the NIR. It is therefore darker in the NIR than in the visible, with glint or without (the NDWI is
+    positive). The sign of visible minus NIR does not depend on the unit or on a common offset, but is noisy: roofs and
+    shadows look like water, and some water does not. Therefore each pixel votes for or against water by this sign. The
+    NIR threshold separates the votes with the fewest errors, and is then moved into the gap between water and land.
 
-    In fine pixels glint is sparkle, as bright as land, but in small patches. Therefore a bright pixel is land only if a
-    whole square that contains it is bright. The side of the square is the smallest with which no isolated bright pixels
-    are left on the sea (almost none if they may be boats, see `RARE_BRIGHT`), and at most the width of a patch of
-    glint. Boats, rocks and floating plants are narrower. They are found with smaller squares, in which the NIR is much
-    brighter than glint in squares of this size, or brighter than the visible.
+    In small pixels glint is sparkle: as bright as land, but in small patches. Therefore a bright pixel is land only if
+    it lies in a square of pixels that are all bright. The side of the square is the smallest with which no isolated
+    bright pixels are left on the sea (almost none if they may be boats, see `RARE_BRIGHT`), and at most the width of a
+    patch of glint. Boats, rocks and floating plants are narrower. They are found with smaller squares, in which the NIR
+    is much brighter than glint in squares of this size, or brighter than the visible.
 
-    looks : (band, row, column) blocks that represent the scene, or the whole scene [any unit]; NaN is not valid
+    looks : blocks (band, row, column) that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
     pixel : side of a pixel on the ground [m]; None if not known
-    whole : the blocks cover the whole scene; else there may be land outside them
-    reflectance : the bands are reflectances; else the brightest pixels show whether they are. Bands with pixels below
-        `COARSE_PIXEL`, or of unknown size, are always treated as reflectances.
+    whole : whether the blocks cover the whole scene; if not, there may be land outside them
+    reflectance : True if the bands are reflectances; if False, the brightest pixels show whether they are. Bands with
+        pixels below `COARSE_PIXEL`, or of unknown size, are always treated as reflectances.
 
-    Returns a rule; its `has_water` is False if no water was found.
+    Returns the rule for `water`; its `has_water` is False if no water was found.
 
     McFeeters (1996), International Journal of Remote Sensing 17, 1425-1432, doi:10.1080/01431169608948714 (NDWI).
 
@@ -120,10 +121,10 @@ def fit_water(
 def _fit(
     view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool, strict: bool
 ) -> WaterRule | None:
-    """The rule for blue or `brown` water; None without water.
+    """Determine the rule for blue water, or for `brown` (turbid) water; None if there is no water.
 
-    light : `_View.white`
-    pixel : side [m], or None
+    light : colour of white, as from `_View.white`
+    pixel : side of a pixel [m], or None if not known
     strict : pixels of unknown colour vote against water, so that dark land of this colour is not joined to the water
     """
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
@@ -169,7 +170,7 @@ class _View:
         self.pixels = int(sum(v.sum() for v in self.valid))
 
     def flat(self, arrays: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-        """Values (pixel,) of a sample of the valid pixels; `arrays` holds an array (row, column) for each block."""
+        """Values (pixel,) of the valid pixels, or of every k-th; `arrays` has an array (row, column) for each block."""
         return thinned(np.concatenate([a[v] for a, v in zip(arrays, self.valid, strict=True)]))
 
     @cached_property
@@ -180,18 +181,18 @@ class _View:
 
     @cached_property
     def saturation(self) -> float:
-        """NIR at which pixels are saturated, so that their colour is not known; infinite if no pixels are."""
+        """NIR value of saturated pixels, whose colour is therefore not known; infinite if no pixels are saturated."""
         nir = self.flat([b[self.roles.nir] for b in self.blocks])
         low, high = float(np.percentile(nir, 1)), float(nir.max())
         saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
 
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
-        """Vote of each pixel of each block, (row, column), by its colour: 1 water, -1 not water, 0 unknown.
+        """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        NIR / visible is lower for water than for white (`light`: red / green and NIR / green of white). A pixel with
-        red / green above that of white may be soil, a town (if `light` is wrong) or brown water: the vote is 0 unless
-        `brown`. Means over squares of side `window` are compared, because delayed bands show sparkle at other places.
+        The vote is for water if NIR / visible is lower than that of white; `light`: red / green, NIR / green of white.
+        If red / green exceeds that of white, the pixel may be soil, town or brown water: the vote is 0 unless `brown`.
+        Means over squares of side `window` are compared, as bands with delays show sparkle in different pixels.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -210,7 +211,7 @@ class _View:
 
     @cached_property
     def white(self) -> tuple[float, float]:
-        """Red / green and NIR / green of white: `SUN` if the bands seem to be radiances, else `PLAIN_WHITE`.
+        """Red / green and NIR / green of a white surface: `SUN` if the bands seem to be radiances, else `PLAIN_WHITE`.
 
         The brightest pixels usually are white: roofs, sand, clouds, or glint. The bands are radiances if these pixels
         are bright enough and have the colour of sunlight.
@@ -230,16 +231,16 @@ class _View:
         return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[Mask]:
-        """Mask of each block, (row, column): squares of side `window` where all pixels have NIR above `threshold`."""
+        """Mask of each block, (row, column), True in squares of side `window` whose NIR is all above `threshold`."""
         nir = self.roles.nir
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 
     def clumps(self, solid: Sequence[Mask], level: float, side: int = CLUMP, *, red: bool = False) -> float:
-        """NIR of the brightest clump of glint (`CLUMP`) minus `level`, the NIR of water; infinite if the sea is small.
+        """NIR of the brightest clump of glint (see `CLUMP`) minus `level`, that of water; infinite if the sea is small.
 
         solid : mask (row, column) of each block, True where it is not water
         side : width of a clump [pixel]
-        red : only pixels with more NIR than visible count; glint has such pixels only if bands are not simultaneous
+        red : count only pixels with more NIR than visible; glint has such pixels only if bands are not simultaneous
         """
         tops = []
         for block, valid, other in zip(self.blocks, self.valid, solid, strict=True):
@@ -251,7 +252,7 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
-        """Two lists, with a mask (row, column) of each block: isolated bright pixels on the sea; the sea far from land.
+        """Two lists of masks (row, column), one per block: isolated bright pixels on the sea; the sea far from land.
 
         Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
         water (if `votes` are given). Land is what `brighter` marks with squares of side `widest`.
@@ -264,17 +265,17 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels may be boats: there is land, and not nearly every square of sea has bright pixels."""
+        """Whether `bright` pixels may be boats: there is land, and not nearly all squares of sea have bright pixels."""
         if sum(int(s.sum()) for s in sea) == self.pixels:
             return False
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
-        """Whether most pixels not in `solid` (land) vote for water, and enough of them fill squares of 5 x 5 pixels.
+        """Whether most pixels outside `solid` (land) vote for water, and enough of them fill squares of 5 x 5 pixels.
 
-        compact : least share of the pixels outside `solid` in such squares. If it is not 0, there must also be a solid
-            pixel that votes against water
+        compact : smallest share of the pixels outside `solid` that must lie in such squares. If it is not 0, there must
+            also be a pixel in `solid` that votes against water
         """
         found = alike = together = 0
         side = min(5, *(n for v in self.valid for n in v.shape))
@@ -287,7 +288,7 @@ class _View:
 
 
 def _squares(mask: Mask) -> Iterator[tuple[slice, slice]]:
-    """Rows and columns of the whole squares of `SQUARE` x `SQUARE` pixels into which the array `mask` is cut."""
+    """Row and column slices of the complete squares of `SQUARE` x `SQUARE` pixels into which an array can be cut."""
     return (part for part in squares(mask.shape, SQUARE) if mask[part].size == SQUARE**2)
 
 
@@ -308,11 +309,11 @@ def _opened_band(band: FloatArray, valid: Mask, window: int) -> FloatArray:
 
 
 def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict: bool) -> WaterRule | None:
-    """The rule for squares of side `window` [pixel]; None if there is no water.
+    """Determine the rule, a threshold of the NIR, for squares of side `window` [pixel]; None if there is no water.
 
-    The NIR threshold separates the votes (pixel,) with the fewest errors, and is then moved into the gap to land. If
-    there is only water, the threshold is the upper end of the NIR of water, or, if `sparkle`, of glint. If `strict`, it
-    is not moved up to a valley of the histogram, below which there may be dark land.
+    The threshold separates the `votes` (pixel,) with the fewest errors, and is then moved into the gap between water
+    and land. Without land, it is the upper end of the NIR of water, or, if `sparkle`, of glint. If `strict`, it is not
+    moved up to a valley of the histogram, because there may be dark land below the valley.
     """
     nir = view.flat([_opened_band(b[view.roles.nir], v, window) for b, v in zip(view.blocks, view.valid, strict=True)])
     order = np.argsort(nir, kind="stable")
@@ -344,13 +345,12 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
 
 
 def _foot(nir: FloatArray, level: float, high: float) -> float:
-    """Threshold of the NIR in the gap of the histogram above water.
+    """Threshold of the NIR in the gap between water and land, from the histogram of the NIR.
 
     `nir`: sorted values (pixel,). `level`: NIR of typical water, where the histogram starts. `high`: end of the gap.
-    The peak of the histogram is water, and ends at a foot. The threshold lies at `INTO_GAP` of the way from the foot
-    to `high`. At the foot, the logarithm of the density lies farthest below the straight line from the peak to
-    `high`: the triangle method of Zack, Rogers, Latt (1977), J. Histochem. Cytochem. 25, 741-753,
-    doi:10.1177/25.7.70454.
+    The peak of the histogram is water. The lower end of its slope, the foot, is where the logarithm of the density lies
+    farthest below the straight line from the peak to `high`: the triangle method of Zack, Rogers, Latt (1977), J.
+    Histochem. Cytochem. 25, 741-753, doi:10.1177/25.7.70454. The threshold is at foot + `INTO_GAP` * (`high` - foot).
     """
     if not high > level:
         return high
@@ -362,10 +362,10 @@ def _foot(nir: FloatArray, level: float, high: float) -> float:
 
 
 def _at_valley(nir: FloatArray, last: int) -> int:
-    """Index of the valley of the histogram above index `last` in sorted NIR (pixel,); `last` if there is no valley.
+    """Index, in sorted NIR (pixel,), of the valley of the histogram above index `last`; `last` if there is no valley.
 
-    Between water and land there is a valley, but the votes for water may end below it, if bands are not calibrated or
-    an offset was subtracted from each band. Both sides of a valley are at least twice as high as its bottom.
+    A valley is a minimum between water and land; both sides are at least twice as high. The votes for water end at
+    `last`, which is below the valley if bands are not calibrated or an offset was subtracted from each band.
     """
     density, edges = _log_density(nir, float(nir[0]), float(np.percentile(nir, 99)))
     start = min(int(np.searchsorted(edges[1:], nir[last])), len(density) - 1)
@@ -378,7 +378,7 @@ def _at_valley(nir: FloatArray, last: int) -> int:
 
 
 def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, Float64]:
-    """Logarithm of a smoothed histogram, (bin,), of sorted values (pixel,) from `low` to `high`; and its bin edges."""
+    """Logarithm of a smoothed histogram, (bin,), of sorted `values` from `low` to `high`; and the edges of its bins."""
     between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
     bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
     counts, edges = np.histogram(between, bins, (low, high))
@@ -387,7 +387,7 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """End of the gap in sorted NIR (pixel,): upper edge of the last histogram bin with (nearly) the fewest values."""
+    """NIR at the end of the gap above water: upper edge of the last histogram bin with (nearly) the fewest pixels."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

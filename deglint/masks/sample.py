@@ -1,4 +1,4 @@
-"""The deep-water sample: dark, even water with the strongest glint, away from everything else."""
+"""Find the deep-water sample: dark, even water with the strongest glint, far from all that is not water."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
 class SampleRule:
     """Criteria of the deep-water sample, as plain numbers.
 
-    The NIR and the visible sum (weighted sum of the visible bands) are quantised: (value - centre) / step is rounded to
-    integers ("grains"), so that box sums are exact and do not depend on the tile. If `r_squared` is near 0, the bands
-    share no glint (calm water, or bands that are not simultaneous).
+    The NIR, and a weighted sum of the visible bands (the visible sum), are converted to integers, (value - centre) /
+    step, rounded. The unit of these integers is called a grain. Their sums over squares are exact, and so do not depend
+    on the tile. If `r_squared` is near 0, the bands share no glint (calm water, or bands that are not simultaneous).
     """
 
     water: WaterRule
@@ -56,21 +56,21 @@ class SampleRule:
 
     @property
     def halo(self) -> int:
-        """Number of pixels that `deep_water` needs around a tile."""
+        """Width of the margin that `deep_water` needs around a tile [pixel]."""
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """Plain values for the sidecar: every field except `water`, and the halo."""
+        """Values for the JSON sidecar of an output: every field except `water`, and the halo."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
 def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
-    """Number of pixels that `deep_water` needs around a tile; by default for the largest distance [pixel]."""
+    """Width of the margin that `deep_water` needs around a tile [pixel], for a distance [pixel] from other surfaces."""
     return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
 class _Local(NamedTuple):
-    """Statistics of water in the square around each pixel, in grains (see `SampleRule`); (row, column) or (pixel,)."""
+    """Statistics of water in a square around each pixel, (row, column) or (pixel,); unit: the grain of `SampleRule`."""
 
     enough: Mask  # True over water, if at least half of the square is water
     nir: Float64  # mean of the NIR
@@ -80,18 +80,18 @@ class _Local(NamedTuple):
     visible: Float64  # variance of the visible sum
 
     def pick(self, chosen: Mask | slice) -> _Local:
-        """The statistics of some pixels, (pixel,)."""
+        """The statistics of the pixels that a mask or a slice selects, (pixel,)."""
         return _Local._make(values[chosen] for values in self)
 
     @property
     def residual(self) -> Float64:
-        """Variance of the visible sum that the NIR does not explain [grain^2]."""
+        """Variance of the visible sum that a regression on the NIR does not explain [grain^2]."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Mask (row, column) of the water pixels that lie in squares of water of `SHORE` x `SHORE` pixels.
+    """Reduce a mask of water (row, column) to the pixels in squares of `SHORE` x `SHORE` pixels that are all water.
 
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
@@ -104,19 +104,19 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    A pixel is in the sample if the square of 15 x 15 pixels around it is (1) away from everything that is not water;
-    (2) dark: while the visible means of the squares have two clear classes, Otsu's threshold excludes the brighter one,
-    first with glint and then with glint subtracted; then the brighter half is excluded; (3) even: the variance of the
-    visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the squares with the
-    largest NIR variance (the strongest glint), or in half or all of them if the sample were too small. Strong glint is
-    preferred because noise in the NIR multiplies a slope by
+    A pixel is in the sample if it is (1) far from everything that is not water and if the square of 15 x 15 pixels
+    around it is (2) dark: as long as the visible means of the squares form two clear classes, Otsu's threshold excludes
+    the brighter one, first with glint and then with glint subtracted; then the brighter half is excluded; (3) even: the
+    variance of the visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the
+    squares with the largest NIR variance (the strongest glint), or in half or all of them if these are too few. Strong
+    glint is preferred because noise in the NIR makes fitted slopes too small, by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
-    looks : (band, row, column) blocks, as for `fit_water`; NaN is not valid
-    rule : from `fit_water`
+    looks : blocks (band, row, column), as for `fit_water`; NaN is not valid
+    rule : rule of water, from `fit_water`
 
-    Raises FitError: no water in the blocks, none far enough from other surfaces, or its NIR does not vary.
+    Raises FitError if there is no water, no square that is half water, or no dark water, or if the NIR does not vary.
 
     The sample is meant for a regression on values from which a local mean is subtracted (`deglint.remove.detrend`):
     slow changes of colour inside the sample are allowed. Cost: 250 ns and 100 bytes per pixel.
@@ -152,9 +152,9 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
 
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
-    """Mask of the deep-water sample, (row, column). Cost: 90 ns per pixel, much less without water.
+    """Mask (row, column), True in the deep-water sample. Cost: 90 ns per pixel, much less without water.
 
-    block : (band, row, column), in the unit of the fitted blocks; NaN: not valid. A tile needs a halo of `rule.halo`.
+    block : (band, row, column), same unit as for `fit_sample`; NaN is not valid. A tile needs a margin of `rule.halo`.
     """
     mask = water(block, rule.water)
     if not mask.any():
@@ -163,7 +163,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
 
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
-    """Weighted sum of the visible bands of a block, (row, column)."""
+    """Weighted sum (row, column) of the visible bands of a block; `weights` are in the order of `roles.visible`."""
     total = np.zeros(block.shape[1:])
     for band, weight in zip(roles.visible, weights, strict=True):
         total += block[band] * np.float64(weight)
@@ -171,13 +171,13 @@ def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> F
 
 
 def _spread(values: FloatArray) -> tuple[float, float]:
-    """Median, and range from the 5th to the 95th percentile; if the range is 0, the standard deviation instead."""
+    """Median of values; difference of the 95th and 5th percentiles; if that is 0, the standard deviation instead."""
     low, middle, high = (float(p) for p in np.percentile(thinned(values), (5, 50, 95)))
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """Rule with weights, centres and steps of the quantisation: the typical range of water (`masks`) is 1024 grains."""
+    """Rule with weights, centres and steps, so that the 5th to 95th percentile of water (`masks`) spans 1024 grains."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -194,7 +194,7 @@ def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule)
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
-    """Statistics (row, column) of the water (`mask`) in squares of `SIZE` pixels; sums of integers, and thus exact."""
+    """Statistics of the water (`mask`) in the square of side `SIZE` around each pixel, from exact sums of integers."""
 
     def grains(values: Float64, k: int) -> Float64:
         counted = np.rint((values - rule.centre[k]) / rule.step[k])
@@ -217,14 +217,14 @@ def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
 
 
 def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
-    """Statistics (pixel,) of the pixels of all blocks in their masks (row, column)."""
+    """Join the statistics of all blocks, (pixel,): those of the pixels that each block's mask (row, column) selects."""
     return _Local(*map(np.concatenate, zip(*(s.pick(m) for s, m in zip(local, masks, strict=True)), strict=True)))
 
 
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    """The rule with the first of `DISTANCES` that leaves enough pixels, and the statistics (pixel,) of these pixels."""
+    """The rule with the first of `DISTANCES` that leaves `ENOUGH` pixels, and the statistics (pixel,) of these."""
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
@@ -238,7 +238,7 @@ def _choose_distance(
 
 
 def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRule:
-    """The rule with limits that accept, of the dark, even pixels in `local`, the `share` with the strongest glint."""
+    """The rule with limits that accept, among dark, even pixels of `local`, the `share` with the strongest glint."""
     local = local.pick(slice(None, None, 1 + local.level.size // MANY))
     local = local.pick(_darker_kind(local.level))
     total = float(local.variance.sum())
@@ -261,13 +261,13 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
 
 
 def _even(local: _Local, rule: SampleRule) -> Mask:
-    """Mask of pixels in `local` whose residual is at most `MAX_RESIDUAL` times the usual one for their NIR variance."""
+    """Mask, True where the residual in `local` is at most `MAX_RESIDUAL` times the typical one at this NIR variance."""
     usual = rule.residual * np.maximum(local.variance / rule.variance, 1.0)
     return np.asarray(local.residual <= MAX_RESIDUAL * usual)
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it while there are clearly two classes."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it as long as it has two clear classes."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])
@@ -279,7 +279,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Threshold with the largest variance between the two classes; and that variance divided by the total, 0..1."""
+    """Otsu's threshold, which has the largest variance between two classes; and this variance over the total, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0
@@ -296,9 +296,9 @@ def _otsu(values: Float64) -> tuple[float, float]:
 
 
 def _select(block: FloatArray, mask: Mask, local: _Local, rule: SampleRule) -> Mask:
-    """Mask (row, column) of the sample: water pixels that meet all limits of `rule`, made compact by an opening.
+    """Mask (row, column), True in the sample: water that meets all limits of `rule`, after a morphological opening.
 
-    `mask`, (row, column): water. The limits apply to the statistics `local`; the opening ignores invalid pixels.
+    `mask` (row, column) is True over water. The limits apply to `local`; the opening ignores invalid pixels.
     """
     valid = valid_for(block, rule.water.roles)
     chosen = local.enough & (local.variance >= rule.least_variance)

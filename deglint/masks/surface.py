@@ -1,4 +1,4 @@
-"""The rule that distinguishes water from the rest, and its application to a block."""
+"""The rule that distinguishes water from other surfaces, and its application to a block of a scene."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ ENOUGH_TO_RANK = 100_000  # most values from which percentiles are determined; i
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """0-based band of each colour in a block; at least one visible band is needed besides the NIR."""
+    """0-based index of the band of each colour in a block; besides the NIR, at least one visible band is needed."""
 
     nir: int
     blue: int | None = None
@@ -25,13 +25,13 @@ class Roles:
 
     @property
     def visible(self) -> tuple[int, ...]:
-        """0-based visible bands, the most suitable for comparison with the NIR first."""
+        """0-based indexes of the visible bands: green, blue, red. The first one is compared with the NIR."""
         return tuple(b for b in (self.green, self.blue, self.red) if b is not None)
 
 
 @dataclass(frozen=True, slots=True)
 class WaterRule:
-    """How water is distinguished from the rest, as plain numbers.
+    """How water is distinguished from other surfaces, as plain numbers.
 
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
     and larger where glint is resolved into bright patches. Boats and narrow land are not water either: they are too
@@ -54,7 +54,7 @@ class WaterRule:
 
     @property
     def halo(self) -> int:
-        """Number of pixels that `water` needs around a tile."""
+        """Width of the margin that `water` needs around a tile [pixel]."""
         return max(self.window, *(side + side // 2 for side in (self.core, self.red_core))) - 1
 
     @property
@@ -64,12 +64,12 @@ class WaterRule:
 
     @property
     def all_water(self) -> bool:
-        """Whether every valid pixel of the scene is water, so that the test may be skipped."""
+        """Whether every valid pixel of the scene is water, so that blocks need not be tested."""
         return self.whole and self.water_fraction == 1.0
 
     @property
     def reason(self) -> str:
-        """The result in one line, for a log or a NoWaterError."""
+        """What was found, as one line of text for a log or for the message of a NoWaterError."""
         if not self.pixels:
             return "no valid pixel to look at for water. Check --nodata."
         if not self.has_water:
@@ -88,14 +88,14 @@ class WaterRule:
         )
 
     def numbers(self) -> dict[str, Any]:
-        """All values, and the properties `halo`, `all_water` and `reason`, for a sidecar."""
+        """All fields, and the properties `halo`, `all_water` and `reason`, for the JSON sidecar of an output."""
         return {**asdict(self), "halo": self.halo, "all_water": self.all_water, "reason": self.reason}
 
 
 def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask of water, (row, column); False where a band that the rule uses is NaN. Cost: 2 to 5 ns per pixel.
+    """Mask (row, column), True over water; False where a band that the rule uses is NaN. Cost: 2 to 5 ns per pixel.
 
-    block : (band, row, column), in the unit of the fitted blocks; NaN: not valid. A tile needs a halo of `rule.halo`.
+    block : (band, row, column), same unit as for `fit_water`; NaN is not valid. A tile needs a margin of `rule.halo`.
 
     >>> scene = np.stack([np.full((8, 8), 0.05), np.full((8, 8), 0.01)])
     >>> scene[:, :, 5:] = [[[0.1]], [[0.3]]]
@@ -112,7 +112,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column), True where not water: in squares of pixels too bright for glint, or not of glint's colour."""
+    """Mask (row, column), True where there is no water: in squares too bright for glint, or of another colour."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)
@@ -127,10 +127,10 @@ def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def filled_squares(bright: Mask, missing: Mask, window: int) -> Mask:
-    """Mask (row, column) of the squares of side `window` [pixel] in which all pixels are `bright`.
+    """Mask (row, column), True in squares of side `window` [pixel] in which all pixels are `bright`.
 
-    Missing pixels are ignored. Squares that reach over the edge of the image do not count: there a few sparkles would
-    fill them. The result equals a threshold of the opened NIR; opening a mask is faster.
+    Missing pixels are ignored. Squares that reach beyond the edge of the image do not count: a few sparkles would fill
+    them. The result equals a threshold of the morphologically opened NIR; opening a mask is faster.
     """
     if window == 1 or not bright.any():
         return bright & ~missing

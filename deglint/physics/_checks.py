@@ -1,4 +1,4 @@
-"""Checks of values against the range of a model; an error names parameter, range, the value given, and a remedy."""
+"""Checks of parameters; each error message has the parameter's name, its valid range, the given value and a remedy."""
 
 from dataclasses import field, fields
 from typing import Any, cast
@@ -17,8 +17,8 @@ VIEW_LIMIT = 89.0
 def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, remedy: str) -> Array:
     """Return `value` as a float64 array if all its elements lie in [low, high]; NaN is allowed.
 
-    `name` of the parameter, `unit` ("" for none) and `remedy`, a sentence, are text for the error message.
-    Raises InputError: an element is below `low` or above `high`, or cannot be converted to a number.
+    The error message has the `name` of the parameter, the `unit` of its range ("" for none), and `remedy`, a sentence.
+    Raises InputError if an element is below `low` or above `high`, or cannot be converted to a number.
     """
     unit = f" {unit}" if unit else ""
     try:
@@ -33,28 +33,28 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
-    """Check that `value` is in [low, high] and not NaN. Arguments are as in `within`. Raises InputError: it is not."""
+    """Raise InputError if the number `value` is outside [low, high] or NaN; the other arguments are as in `within`."""
     if np.isnan(within(name, value, low, high, unit, remedy)).any():
         raise InputError(f"{name} must be a finite number, got {value}; give one.")
 
 
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
-    """Declare a number field of a `Checked` dataclass with its range [low, high]; None is accepted, NaN is not.
+    """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
-    `default` is MISSING for a required field; `unit` and `remedy` are as in `within`; `more` is further metadata.
+    `default` is MISSING for a required field. `unit` and `remedy` are as in `within`. `more` is further metadata.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
 
 def one_of(default: Any, allowed: Any, **more: Any) -> Any:
-    """Declare a `Checked` dataclass field whose value must be in `allowed`; `default` and `more` are as in `ranged`."""
+    """Make a field of a `Checked` dataclass whose value must be in `allowed`; `default`, `more`: as in `ranged`."""
     return field(default=default, metadata={"allowed": allowed, **more})
 
 
 class Checked:
-    """Base of dataclasses: checks each field that is declared with `ranged` or `one_of` when an instance is made.
+    """Base class of dataclasses whose fields, if made by `ranged` or `one_of`, are checked when an instance is made.
 
-    Raises InputError: a value is out of its range, is NaN, or is not among the allowed values.
+    Raises InputError if a value is out of its range, is NaN, or is not among the allowed values.
     """
 
     def __post_init__(self) -> None:
@@ -67,21 +67,21 @@ class Checked:
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
-    """Check zenith angles of the sun [degree], return them as float64. Raises InputError: outside 0 to 90."""
+    """Return zenith angles of the sun [degree] as float64; raise InputError if one of them is outside 0 to 90."""
     return within("sun_zenith", sun_zenith, 0.0, 90.0, "degrees", "The sun is down; choose another time.")
 
 
 def view_angle(view_zenith: npt.ArrayLike) -> Array:
-    """Check zenith angles of the sensor [degree], return them as float64.
+    """Return zenith angles of the sensor [degree] as float64.
 
-    Raises InputError: outside 0 to `VIEW_LIMIT`; beyond it the formulas of the surface do not hold.
+    Raises InputError if one of them is outside 0 to `VIEW_LIMIT`; the formulas for the sea surface do not hold there.
     """
     remedy = "Nearer to the horizon waves hide each other; look more steeply."
     return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
 
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
-    """Check latitude (-90 to 90) and longitude (-180 to 360) [degree], return float64. Raises InputError: outside."""
+    """Return latitude and longitude [degree] as float64; InputError if outside -90 to 90, or outside -180 to 360."""
     remedy = "North is positive. Are latitude and longitude swapped?"
     return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
         "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
@@ -89,11 +89,11 @@ def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Arra
 
 
 def day_number(day: npt.ArrayLike) -> Array:
-    """Check days of the year (1 to 367, with fractions), return them as float64. Raises InputError: out of range."""
+    """Return days of the year (fractions are allowed) as float64; raise InputError if one is outside 1 to 367."""
     return within("day", day, 1.0, 367.0, "", "Give the day of the year, 1 on the first of January.")
 
 
 def choice(name: str, value: Any, allowed: Any) -> None:
-    """Check that `value` is in `allowed`. Raises InputError: it is not; the message names the parameter `name`."""
+    """Raise InputError if `value` is not in `allowed`; `name` is the name of the parameter, for the message."""
     if value not in allowed:
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

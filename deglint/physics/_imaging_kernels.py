@@ -1,4 +1,4 @@
-"""Compiled loop of `deglint.physics.imaging`."""
+"""The loop of `deglint.physics.imaging` that is compiled by numba."""
 
 import math
 
@@ -7,11 +7,11 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply a half spectrum by an MTF, and alias (fold) its rows onto the rows of the pixel grid.
+    """Multiply the spectrum of a scene on a fine grid by an MTF, and alias (fold) its rows onto the rows of pixels.
 
-    `spectrum` is (fine rows, fine columns // 2 + 1), `out` (rows, fine columns // 2 + 1); rows `first` to `last` - 1 of
-    `out` are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], complex MTF along this axis at
-    these frequencies). The MTF of diffraction is computed here; it is 0 from the frequency `limit` [cycles/pixel] on.
+    `spectrum`, of a real FFT, is (fine row, fine column // 2 + 1); `out` is (pixel row, fine column // 2 + 1). Rows
+    `first` to `last` - 1 of `out` are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], complex
+    MTF without diffraction) along each axis. The diffraction MTF is computed here; it is 0 from `limit` [cycles/pixel].
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

@@ -1,8 +1,4 @@
-"""Compiled loops of `deglint.physics.surface`.
-
-Each works on a slab of rows (first row, last row + 1), so that threads can share the work. `steps` are the steps of
-wavenumber from row to row and from column to column [rad/m].
-"""
+"""Loops of `deglint.physics.surface` that are compiled by numba; each works on a part of the rows, for threads."""
 
 import math
 
@@ -13,18 +9,20 @@ ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreadi
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Signed wavenumber, in the unit of `step`, at index `i` of an FFT of length `n`; it is positive at index n / 2."""
+    """Signed wavenumber at index `i` of an FFT of length `n` with the wavenumber step `step`; positive at i = n / 2."""
     return (i if i <= n // 2 else i - n) * step
 
 
 @njit(nogil=True, cache=True)
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
-    """Scale `noise`, (row, column) complex standard normal numbers, to wave amplitudes [m], in place.
+    """Multiply `noise`, complex standard normal numbers (row, column), in place to get wave amplitudes [m].
 
-    `sums` (row, 4) gets what the waves of each row add to the variances of height [m2], east slope and north slope, and
-    to the covariance of both slopes. `table` is (first log wavenumber, step of log wavenumber, log omnidirectional
-    spectral density (n,), Elfouhaily's D (n,)), `along` the unit vector (east, north) downwind. `how` is (code of the
-    spreading, exponent s, value of `spectra.spreading_norm`, share of the energy that travels upwind).
+    Rows slab[0] to slab[1] - 1 are processed. `steps` are the steps of the wavenumber from row to row and from column
+    to column [rad/m]. The contributions of the waves in each row to the variances of height [m2], east slope and north
+    slope, and to the covariance of both slopes, are stored in `sums` (row, 4). `table` is (first log wavenumber, step
+    of log wavenumber, log omnidirectional spectral density (n,), Elfouhaily's D (n,)), and `along` is the unit vector
+    (east, north) downwind. `how` is (code of the directional spreading, exponent s, value of `spectra.spreading_norm`,
+    share of the energy that travels upwind).
     """
     rows, columns = noise.shape
     row_step, column_step = steps
@@ -64,11 +62,11 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Fill `out` with the spectrum of the height at a time [s], or of (east slope + i * north slope) if `slopes`.
+    """Fill `out` with the spectrum of the height at a time [s]; if `slopes`, with that of east slope + i * north slope.
 
     `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r hold the same waves, so both
-    are filled for r from slab[0] to slab[1] - 1, which is at most rows // 2. `steps`: steps of the wavenumber from row
-    to row and from column to column [rad/m]. `physics`: surface tension over density [m3/s2] and gravity [m/s2].
+    are filled, for r from slab[0] to slab[1] - 1, at most rows // 2. `steps` are the steps of the wavenumber from row
+    to row and from column to column [rad/m]. `physics` is (surface tension over density [m3/s2], gravity [m/s2]).
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps

@@ -1,9 +1,9 @@
-"""Sunlight at the surface of the sea under a clear sky: direct and diffuse, by wavelength.
+"""Direct and diffuse solar irradiance at the sea surface under a clear sky, as functions of wavelength.
 
-This is the model of Gregg and Carder for maritime air, 300 to 1000 nm. It has absorption by ozone, oxygen and water
-vapour, scattering by molecules, and the Navy's three kinds of aerosol, which depend on air mass type, humidity, wind
-and visibility. The air mass is computed as by Kasten and Young. The amount of the largest aerosol is multiplied by
-0.05: the paper omits this factor, every code of the model has it. Clouds are not modelled.
+This is the model of Gregg and Carder for maritime air, 300 to 1000 nm. It includes absorption by ozone, oxygen and
+water vapour, scattering by molecules, and the three kinds of aerosol of the Navy model, which depend on air mass type,
+humidity, wind and visibility. The relative air mass is that of Kasten and Young. The amount of the largest aerosol is
+multiplied by 0.05; the paper omits this factor, but every code of the model has it. Clouds are not modelled.
 
 References
 ----------
@@ -38,11 +38,11 @@ class Air(Checked):
     Attributes
     ----------
     air_mass_type, visibility : float
-        Origin of the air, 1 for the open ocean to 10 for a continent; horizontal visibility [km].
+        Air mass type, from 1 for air of the open ocean to 10 for continental air; horizontal visibility [km].
     humidity, water_vapour, ozone, pressure : float
         Relative humidity [%], water vapour column [cm], ozone column [DU], pressure at the sea [hPa].
     wind_mean, wind : float
-        Mean wind of the last 24 hours, and wind now, at 10 m [m/s].
+        Mean wind speed of the last 24 hours, and current wind speed, at 10 m [m/s].
     """
 
     air_mass_type: float = ranged(1.0, 1.0, 10.0, "", "1 is air of the open ocean, 10 that of a continent.")
@@ -65,7 +65,7 @@ class Aerosol(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """Solar irradiance above the atmosphere, and absorption coefficients of gases; one value for each wavelength."""
+    """Solar irradiance above the atmosphere [W m-2 nm-1] and absorption coefficients of gases [1/cm] by wavelength."""
 
     irradiance: Array  # solar irradiance at the mean distance of the sun [W m-2 nm-1]
     ozone: Array  # absorption coefficients [1/cm], here and below
@@ -89,7 +89,7 @@ def irradiance(
     spectrum: Spectrum | None = None,
     **params: float,
 ) -> Irradiance:
-    """Direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
+    """Compute direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def irradiance(
     spectrum : Spectrum, optional
         Solar irradiance and absorption by gases at `wavelength`; by default ``table_spectrum(wavelength)``.
     **params
-        Single fields of `Air` to change, such as ``visibility=23``.
+        Fields of `Air` that replace those of `air`, such as ``visibility=23``.
 
     Returns
     -------
     Irradiance
-        On a horizontal plane. On a plane facing the sun the direct irradiance is direct / cos(sun zenith).
+        Irradiance of a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
 
     Examples
     --------
@@ -136,7 +136,7 @@ def irradiance(
 
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
-    """Solar irradiance and absorption by gases at wavelengths [nm], interpolated linearly in a table of 1 nm steps."""
+    """Solar irradiance and absorption by gases at wavelengths [nm], interpolated linearly in a table in 1 nm steps."""
     wavelength = checked_wavelength(wavelength)
     table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
@@ -179,9 +179,9 @@ def air_mass(sun_zenith: npt.ArrayLike) -> Array:
 
 
 def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
-    """Share of the direct sunlight scattered by aerosol that goes downwards [1] (Gregg and Carder 1990, eq. 29 to 32).
+    """Share of the light scattered by aerosol that is scattered downwards [1] (Gregg and Carder 1990, eq. 29 to 32).
 
-    `sun_zenith` is in degrees; `asymmetry` is the mean cosine of the scattering angle.
+    `sun_zenith` is the zenith angle of the sun [degree]; `asymmetry` is the mean cosine of the scattering angle.
     """
     cosine = _cosine(sun_zenith)
     b3 = np.log(1.0 - asymmetry)
@@ -191,7 +191,7 @@ def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
 
 
 def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike) -> Array:
-    """Climatological ozone column [DU] on a day of the year (Van Heuklon 1979); north and east are positive [degree].
+    """Climatological ozone column [DU] at a place (degrees north and east) on a day of the year (Van Heuklon 1979).
 
     Examples
     --------
@@ -206,7 +206,7 @@ def ozone(latitude: npt.ArrayLike, longitude: npt.ArrayLike, day: npt.ArrayLike)
 
 
 def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
-    """Transmittance [1] of ozone, oxygen and water vapour together, along the path of the direct sunlight."""
+    """Transmittance [1] of ozone, oxygen and water vapour together along the path of the direct sunlight."""
     cosine, path = _cosine(sun_zenith), air_mass(sun_zenith)
     ozone_path = (1.0 + 22.0 / 6370.0) / np.sqrt(cosine**2 + 44.0 / 6370.0)
     oxygen = spectrum.oxygen * path * air.pressure / STANDARD_PRESSURE

@@ -1,6 +1,6 @@
 """Reflection and refraction of light at a flat air-water interface.
 
-Unpolarised and polarised reflectance, the angle of refraction (Snell's law), and the transmittance of radiance.
+The module has functions for polarised and unpolarised reflectance, refraction (Snell's law) and radiance transmittance.
 
 References
 ----------
@@ -18,8 +18,8 @@ WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usua
 def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
     """Power reflectance [1] for light polarised perpendicular and parallel to the plane of incidence.
 
-    `cosine` is the cosine of the angle of incidence in air, 0 to 1, not checked; `index` is as in `reflectance`. Both
-    results have the precision of `cosine`.
+    `cosine` is the cosine of the angle of incidence in air, 0 to 1; it is not checked. `index` is as in `reflectance`.
+    Both results have the floating-point precision of `cosine`.
     """
     inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
     perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
@@ -28,9 +28,9 @@ def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array,
 
 
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Fresnel reflectance of a flat surface for unpolarised light from above.
+    """Fresnel reflectance of a flat water surface for unpolarised light from above.
 
-    The mean of the two polarisations, r = (r_s + r_p) / 2.
+    It is the mean of the two polarisations, r = (r_s + r_p) / 2.
 
     Parameters
     ----------
@@ -55,10 +55,10 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
 
 
 def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> Array:
-    """Fresnel reflectance for unpolarised light from the cosine of the angle of incidence.
+    """Fresnel reflectance [1] for unpolarised light, from the cosine of the angle of incidence.
 
-    Like `reflectance`, but faster for large arrays: arguments are not checked, and the result has the precision of
-    `cosine`, the cosine of the angle of incidence in air [1], 0 to 1. `index` is as in `reflectance`.
+    `cosine` is the cosine of the angle of incidence in air, 0 to 1; `index` is as in `reflectance`. This function is
+    faster than `reflectance`: arguments are not checked, and the result has the floating-point precision of `cosine`.
 
     Examples
     --------

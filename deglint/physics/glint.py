@@ -1,9 +1,9 @@
-"""Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and its radiance.
+"""Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and the glint radiance.
 
-For a small solar disk and single reflections, the normal of the facet that glints bisects the angle between the
-directions to the sun and to the sensor. The share of the pixel that glints follows from the probability density of
-slopes, without a sum over facets. Angles of sun and sensor are as seen from the target. In `sun_glint` the density of
-slopes follows from the wind; in the other functions it is an argument.
+The solar disk is assumed to be small, and only single reflections are modelled. The normal of the facet that glints
+then bisects the angle between the directions to the sun and to the sensor. The share of the pixel that glints follows
+from the probability density of slopes, without a sum over facets. Angles of sun and sensor are as seen from the
+target. In `sun_glint` the density of slopes follows from the wind; in the other functions it is an argument.
 
 References
 ----------
@@ -77,7 +77,7 @@ def facet(
 def probability(
     density: npt.ArrayLike, view_zenith: npt.ArrayLike, tilt: npt.ArrayLike, solid_angle: npt.ArrayLike
 ) -> Array:
-    """Share of the pixel, as seen by the sensor, that reflects a light source of a given solid angle.
+    """Share of the pixel, as seen by the sensor, that mirrors a light source of a given solid angle into the sensor.
 
         P = p Omega / (4 cos(view zenith) cos^4(tilt))
 
@@ -88,7 +88,7 @@ def probability(
     view_zenith, tilt : array_like
         Zenith angle of the sensor, 0 to 89, and tilt of the facet [degree].
     solid_angle : array_like
-        Solid angle Omega of the source [sr]: `sun.solid_angle` for the solar disk, `cone` for a tolerance around it.
+        Solid angle Omega of the source [sr]: `sun.solid_angle` for the solar disk, `cone` for a disk of any size.
 
     Returns
     -------
@@ -112,12 +112,12 @@ def radiance(
 
         L / E_n = r(incidence) p / (4 cos(view zenith) cos^4(tilt))        (Cox and Munk 1954)
 
-    r is the Fresnel reflectance, p the density. The glint reflectance is L / E_n times pi / cos(sun zenith).
+    r is the Fresnel reflectance, p is `density`. The glint reflectance is L / E_n times pi / cos(sun zenith).
 
     Parameters
     ----------
     density, view_zenith, tilt : array_like
-        See `probability`.
+        As in `probability`.
     incidence : array_like
         Angle between the normal of the facet and the sun [degree].
 
@@ -130,7 +130,7 @@ def radiance(
 
 
 def cone(half_angle: npt.ArrayLike) -> Array:
-    """Solid angle [sr] of a cone, 2 pi (1 - cos a), with the angle a from its axis to its edge [degree], 0 to 90.
+    """Solid angle [sr] of a cone, 2 pi (1 - cos a); `half_angle` a is the angle from axis to edge [degree], 0 to 90.
 
     Examples
     --------
@@ -151,14 +151,14 @@ def sun_glint(
     wind_from: npt.ArrayLike,
     model: str = "cox-munk",
 ) -> Glint:
-    """Sun glint from angles and wind, with the solar disk at mean distance (`probability` takes any solid angle).
+    """Compute sun glint from angles and wind, for the solar disk at mean distance (`probability` is for any disk).
 
     Parameters
     ----------
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
         Zenith angles and azimuths of the sun and of the sensor, from the target [degree]; see `facet`.
     wind : array_like
-        Wind speed at the reference height of the model [m/s]; see `slopes.wind_at_height`.
+        Wind speed at the reference height of the model [m/s]; `slopes.wind_at_height` converts to another height.
     wind_from : array_like
         Azimuth that the wind blows from [degree].
     model : str

@@ -19,7 +19,7 @@ Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 def transform(scene: Floats, *, workers: int = 1) -> Complex:
-    """Half spectrum, (row, column // 2 + 1) complex, of a scene (row, column) on the fine grid; `workers`: threads."""
+    """Spectrum of a scene (row, column) by a real FFT on `workers` threads: complex array (row, column // 2 + 1)."""
     from scipy import fft
 
     return fft.rfft2(scene, workers=workers)
@@ -34,20 +34,20 @@ def observe(
     shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
 ) -> Floats:
-    """Compute the image, without noise, that the sensor takes of a scene on the fine grid.
+    """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
-    Raises InputError: the rows or columns of the fine grid are not a multiple of `factor`.
+    Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
 
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
-        Spectrum from `transform`; the rows and columns of the fine grid are even multiples of `factor`.
+        Spectrum from `transform`; the numbers of rows and columns of the fine grid are even multiples of `factor`.
     sensor, wavelength : Sensor, float
-        Sensor whose optics and detector blur, and the wavelength [nm].
+        Sensor whose optics and detector blur the image, and the wavelength [nm].
     factor : int
         Points of the fine grid per pixel, along each axis: the scene has frequencies up to factor / 2 cycles per pixel.
     shift : (float, float)
-        Misregistration of the band: displacement of its pixels on the scene, down and right [pixel].
+        Misregistration of the band: displacement of its pixels relative to the scene, down and right [pixel].
     workers : int
         Number of threads; the result does not depend on it.
 
@@ -85,6 +85,6 @@ def observe(
 
 
 def _along(frequency: Floats, sensor: Sensor, shift: float) -> Complex:
-    """MTF of detector and jitter at frequencies [cycles/pixel] of an axis, times the phase of a shift [pixel]."""
+    """MTF of detector and jitter along an axis at frequencies [cycles/pixel], with the phase of a shift [pixel]."""
     blur = np.sinc(frequency) * np.exp(-2 * np.pi**2 * (sensor.jitter * frequency) ** 2)
     return np.asarray(blur * np.exp(2j * np.pi * frequency * shift))

@@ -1,8 +1,8 @@
 """Inherent optical properties: absorption and backscattering of case-1 sea water as functions of chlorophyll.
 
-The model has pure sea water, phytoplankton with other particles, and yellow substance (CDOM), 300 to 1000 nm; particles
-and CDOM follow from chlorophyll. It holds for the open ocean (case 1). For coastal water, which has sediment and more
-CDOM, make `Iops` directly.
+The model includes pure sea water, phytoplankton with other particles, and yellow substance (CDOM), from 300 to 1000 nm.
+The amounts of particles and CDOM follow from chlorophyll. The model holds for the open ocean (case 1). For coastal
+water, which has sediment and more CDOM, create an `Iops` from your own values.
 
 References
 ----------
@@ -25,7 +25,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties [1/m]: total absorption; scattering and backscattering by water and by particles."""
+    """Inherent optical properties [1/m]: total absorption, and scattering and backscattering by water and particles."""
 
     absorption: Array
     water_scattering: Array
@@ -93,7 +93,7 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
 
 
 def _interpolate(table: str, column: str, wavelength: Array) -> Array:
-    """Column `column` of a table of `tables.load`, interpolated linearly to wavelengths [nm]."""
+    """Interpolate the column `column` of the table `table` (see `tables.load`) linearly to wavelengths [nm]."""
     columns = load(table)
     return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
 

@@ -1,7 +1,7 @@
 """Sensor presets of the simulator.
 
-Band edges are published values. Full scales, well capacities, read noise and delays are round, typical numbers where
-they are not published (see the table in the docs). The sensor of the thesis (Fink 2014) is assumed to be an airborne
+Band edges are published values. Full-scale radiances, well capacities, read noise and band delays are round, typical
+numbers where they are not published. The sensor "thesis", after the thesis of Fink (2014), is assumed to be an airborne
 imager with the bands of WorldView.
 """
 
@@ -77,7 +77,7 @@ PRESETS: dict[str, Sensor] = {
 def preset(name: str) -> Sensor:
     """Return the sensor with this name in `PRESETS`.
 
-    Raises InputError: there is no such preset; the message lists them.
+    Raises InputError if there is no such preset; the message lists the presets.
 
     Examples
     --------

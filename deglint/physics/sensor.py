@@ -1,4 +1,4 @@
-"""The sensor: modulation transfer function, electrons, noise and quantisation.
+"""Model of a sensor: modulation transfer function, electrons, noise and quantisation.
 
 A `Sensor` describes the optics, the detector and the bands; presets are in `deglint.physics.presets`. Blur is described
 by a modulation transfer function (MTF), the product of the MTFs of diffraction, detector, smear and jitter;
@@ -23,7 +23,7 @@ LIGHT_SPEED = 299792458.0  # speed of light [m/s]
 
 @dataclass(frozen=True, kw_only=True)
 class SensorBand:
-    """One band of a sensor."""
+    """One band of a sensor: its edges [nm], full-scale radiance [W m-2 sr-1 nm-1] and time offset [s]."""
 
     name: str
     low: float  # lower edge [nm]
@@ -47,7 +47,7 @@ class Sensor(Checked):
     """Optics, detector and bands of a sensor.
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
-    aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the bits of a digital number, 1 to 16.
+    aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a pixel, 1 to 16.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Sensor(Checked):
         return (1 << self.bits) - 1
 
     def band(self, name: str) -> SensorBand:
-        """Return the band with this name (case is ignored). Raises BandError, which lists the bands: there is none."""
+        """Return the band with this name (case is ignored); raise BandError, which lists all bands, if none has it."""
         for b in self.bands:
             if b.name.casefold() == name.strip().casefold():
                 return b
@@ -90,18 +90,18 @@ class Sensor(Checked):
         return band.full_scale / self.levels
 
     def delayed(self, delay: float) -> Sensor:
-        """The same sensor, where each band is taken `delay` [s] after the band before it."""
+        """A copy of the sensor in which each band is recorded `delay` [s] after the band before it in `bands`."""
         bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
         return replace(self, bands=bands)
 
 
 def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
-    """Wavelengths of all bands in steps of 1 nm, and a function that averages over each band.
+    """Return the wavelengths of all bands in steps of 1 nm, and a function that averages spectra over each band.
 
     Parameters
     ----------
     bands : sequence of SensorBand
-        Each band is cut to 300 to 1000 nm, the range of the tables of light and water.
+        Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
 
 
 def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
-    """Diffraction MTF [1] of a perfect circular aperture, ``2/pi (arccos x - x sqrt(1 - x**2))``, 0 for x above 1.
+    """Diffraction MTF [1] of a perfect circular aperture: ``2/pi (arccos x - x sqrt(1 - x**2))``, and 0 for x above 1.
 
     `frequency` x is the spatial frequency divided by the cutoff frequency of diffraction, 1 / (wavelength * f-number).
 
@@ -141,7 +141,7 @@ def mtf_diffraction(frequency: npt.ArrayLike) -> Floats:
 
 
 def cutoff(sensor: Sensor, wavelength: float) -> float:
-    """Spatial frequency [cycles/pixel] from which on the MTF of diffraction is 0, at a wavelength [nm]."""
+    """Cutoff frequency [cycles/pixel] at a wavelength [nm]: the diffraction MTF is 0 at this and higher frequencies."""
     return sensor.pitch / (wavelength * 1e-9 * sensor.f_number)
 
 
@@ -154,9 +154,9 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
     Parameters
     ----------
     row_frequency, column_frequency : array_like
-        Frequencies v_r along a column (in-track) and v_c along a row [cycles/pixel]; they broadcast.
+        Spatial frequencies v_r along a column (in-track) and v_c along a row [cycles/pixel]; they broadcast.
     sensor, wavelength : Sensor, float
-        Sensor whose optics and detector blur, and the wavelength [nm].
+        Sensor whose optics and detector blur the image, and the wavelength [nm].
 
     Returns
     -------
@@ -175,23 +175,23 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 
 
 def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
-    """Point spread function (PSF): share of the light of a point source in each pixel.
+    """Point spread function (PSF): share of the light of a point source that each pixel receives.
 
     The point source is at the centre of the central pixel.
 
     Parameters
     ----------
     sensor, wavelength : Sensor, float
-        Sensor whose optics and detector blur, and the wavelength [nm].
+        Sensor whose optics and detector blur the image, and the wavelength [nm].
     size : int
-        Rows and columns, odd; an even number is increased by 1.
+        Number of rows and of columns of the result, odd; an even number is increased by 1.
     oversample : int
         The MTF is used up to the frequency oversample / 2 [cycles/pixel].
 
     Returns
     -------
     (size, size) ndarray
-        The sum is 1: light beyond an edge is added at the opposite edge.
+        Shares [1]; their sum is 1, since light that falls beyond an edge is added at the opposite edge.
 
     Examples
     --------
@@ -242,8 +242,8 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
 def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
     """Standard deviation s of the noise of a pixel [electrons]: shot, dark, read and quantisation noise.
 
-    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``: `signal` N and dark signal N_dark of the `exposure`
-    time [s], both in electrons, and standard deviation s_read of the read noise [electrons].
+    ``s**2 = N + N_dark + s_read**2 + (well / 2**bits)**2 / 12``, with the `signal` N, the dark signal N_dark in the
+    time `exposure` [s], and the standard deviation s_read of the read noise, all in electrons.
     """
     fixed = sensor.dark_current * exposure + sensor.read_noise**2 + (sensor.well / 2**sensor.bits) ** 2 / 12
     return np.sqrt(np.asarray(signal, dtype=np.float64) + fixed)
@@ -252,9 +252,9 @@ def noise(signal: npt.ArrayLike, sensor: Sensor, *, exposure: float) -> Floats:
 def noise_equivalent_radiance(
     radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None
 ) -> Floats:
-    """Noise as a radiance [W m-2 sr-1 nm-1], ``L s / N``, at the radiance L [W m-2 sr-1 nm-1].
+    """Noise as a radiance [W m-2 sr-1 nm-1], ``L s / N``, at the given `radiance` L [W m-2 sr-1 nm-1].
 
-    N and s are the results of `electrons` and `noise`; `exposure` [s] is by default `Sensor.exposure` of the band.
+    N is the result of `electrons`, s that of `noise`. `exposure` [s] is by default `Sensor.exposure` of the band.
     """
     exposure = sensor.exposure(band) if exposure is None else exposure
     per_radiance = electrons(1.0, sensor, band, exposure=exposure)
@@ -264,7 +264,7 @@ def noise_equivalent_radiance(
 def digitise(
     radiance: Floats, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
 ) -> npt.NDArray[np.uint16]:
-    """Convert a radiance to digital numbers of a band; the dark signal is subtracted.
+    """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def digitise(
     Returns
     -------
     ndarray of uint16
-        Same shape; clipped to 0 to ``2**bits - 1``. `Sensor.scale` converts it to radiance.
+        Digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`. Times `Sensor.scale`, they are radiance.
     """
     count = np.maximum(electrons(radiance, sensor, band), 0.0)
     if generator is not None:

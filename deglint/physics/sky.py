@@ -65,9 +65,9 @@ def radiance(
 
 
 def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
-    """Radiance of the sky as in `radiance`, for many facets: without checks, and with the precision of `cosine`.
+    """Radiance of the sky as in `radiance`, without checks of arguments, with the floating-point precision of `cosine`.
 
-    `cosine` is the cosine of the zenith angle of the direction, `towards` that of the angle between direction and sun.
+    `cosine` is that of the direction's zenith angle, `towards` that of its angle to the sun; `sun_zenith`: in degrees.
     """
     if model == "uniform":
         return 1.0 / np.pi + 0.0 * cosine
@@ -93,9 +93,9 @@ def reflectance(
 
     It is the integral of w r L_sky over the slopes of the facets, by Gauss-Legendre quadrature, with the Fresnel
     reflectance r and the sky radiance L_sky per diffuse irradiance. The weight w of a facet is its share of the sea as
-    the sensor sees it, p cos(incidence) / [cos(tilt) cos(view zenith) (1 + Lambda)], with the density p of slopes and
-    Smith's Lambda (`slopes.hidden`). Facets that face away from the sensor, or reflect the sea instead of the sky, add
-    nothing. For a uniform sky the effective reflectance of the sea is pi times the result.
+    the sensor sees it, p cos(incidence) / [cos(tilt) cos(view zenith) (1 + Lambda)], with the probability density p of
+    slopes and Smith's Lambda (`slopes.hidden`). Facets that face away from the sensor, or reflect the sea instead of
+    the sky, add nothing. For a uniform sky the effective reflectance of the sea is pi times the result.
 
     Parameters
     ----------
@@ -128,10 +128,10 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield, for each of `NODES` slopes across the view: nodes of the slope along the view, slope across, and weights.
+    """Yield nodes for an integral over slopes: for each of `NODES` slopes across the view, slopes along it and weights.
 
-    The nodes along the view are limited to facets that reflect the sky, not the sea, because the integrand is smooth
-    there. `zenith` is the zenith angle of the sensor [degree]; variances are of the slopes along and across the view.
+    An item is (slopes along, slope across, weights). Slopes along are limited to facets that reflect the sky, where the
+    integrand is smooth. `zenith` is that of the sensor [degree]; variances are of the slopes along and across the view.
     """
     x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -145,10 +145,10 @@ def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Ite
 
 
 def _mirror(zenith: Array, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
-    """Reflect the line of sight of the sensor at facets with slopes along and across the view.
+    """Reflect the line of sight of the sensor at facets with given slopes along and across the view.
 
-    Returns cos(incidence) / cos(tilt) [1]; then, in degrees, the angle of incidence, the zenith angle of the reflected
-    ray, and the azimuth of this ray minus that of the sensor. `zenith` is the zenith angle of the sensor [degree].
+    Returns cos(incidence) / cos(tilt) [1], the angle of incidence [degree], the zenith angle of the reflected ray
+    [degree], and its azimuth minus that of the sensor [degree]. `zenith` is the zenith angle of the sensor [degree].
     """
     slant = np.cos(np.radians(zenith)) - along * np.sin(np.radians(zenith))
     length = 1.0 + along**2 + across**2
@@ -163,14 +163,14 @@ def _arccos(cosine: Array) -> Array:
 
 
 def _from_sun(cosine: Array, sun_cosine: Array, turn: Array) -> Array:
-    """Cosine of the angle from the sun, from the cosines of both zenith angles and azimuth difference [radian]."""
+    """Cosine of the angle between a direction and the sun, from both zenith cosines and azimuth difference [radian]."""
     return cosine * sun_cosine + np.sqrt((1.0 - cosine**2) * (1.0 - sun_cosine**2)) * np.cos(turn)
 
 
 def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
-    """Sky radiance of Harrison and Coombes, not normalised, without their last factor, which normalisation cancels.
+    """Sky radiance of Harrison and Coombes before normalisation; their last factor is omitted, as it would cancel.
 
-    Arguments are cosines: of the zenith angle of a direction, of its angle from the sun, and of the sun zenith angle.
+    Arguments are cosines: of the zenith angle of a direction, of its angle to the sun, and of the sun zenith angle.
     """
     towards = np.clip(towards, -1.0, 1.0)
     glow = 1.63 + 53.7 * np.exp(-5.49 * np.arccos(towards)) + 2.04 * towards**2 * sun_cosine
@@ -184,9 +184,9 @@ def _clear_total(sun_zenith: Array) -> Array:
 
 @cache
 def _clear_fit() -> Array:
-    """Coefficients of the polynomial of `_clear_total`.
+    """Chebyshev coefficients (15,) of the polynomial that `_clear_total` evaluates.
 
-    Integrals are by Gauss-Legendre quadrature over the cosine of the zenith angle, trapezoidal rule over the azimuth.
+    The integrals use Gauss-Legendre quadrature over the cosine of the zenith angle, the trapezoidal rule over azimuth.
     """
     x = chebyshev.chebpts1(15)
     nodes, weights = np.polynomial.legendre.leggauss(64)

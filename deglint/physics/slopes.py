@@ -1,8 +1,8 @@
 """Probability distributions of the slopes of the wind-roughened sea surface.
 
 The module gives the probability density of facet slopes, per unit of upwind and crosswind slope, as a function of wind.
-The models are Cox and Munk with a Gram-Charlier series, as an anisotropic or as an isotropic Gaussian, and Breon and
-Henriot. A truncated Gram-Charlier series is negative at large slopes in strong wind; by default it is set to 0 there.
+Models are those of Cox and Munk (Gram-Charlier series, anisotropic or isotropic Gaussian), and of Breon and Henriot. A
+truncated Gram-Charlier series is negative at large slopes in strong wind; by default, the density is set to 0 there.
 
 Axes: a positive upwind slope rises towards where the wind comes from; the crosswind axis points 90 degrees clockwise of
 upwind. The windward side of a wave is less steep, so the most frequent upwind slope is slightly negative.
@@ -33,11 +33,11 @@ _ERFC = np.vectorize(math.erfc, otypes=[float])  # scipy.special takes long to i
 
 @dataclass(frozen=True)
 class SlopeModel:
-    """A model of slopes: variances and Gram-Charlier coefficients as functions of wind."""
+    """A model of the slopes of the sea surface: variances and Gram-Charlier coefficients as functions of wind."""
 
     height: float  # reference height of the wind above the sea [m]
     upwind: tuple[float, float]  # variance of upwind slope: constant [1], and increase with wind [s/m]
-    crosswind: tuple[float, float]  # the same of crosswind slope
+    crosswind: tuple[float, float]  # variance of crosswind slope, in the same way
     skewness: Callable[[Array], tuple[Array, Array]] | None = None  # (c21, c03) for a wind [m/s]; None: Gaussian
     peakedness: tuple[float, float, float] = (0.0, 0.0, 0.0)  # coefficients c40 (crosswind), c22, c04 (upwind)
 
@@ -80,7 +80,7 @@ def density(
     model : str
         One of `MODELS`.
     clip : bool
-        If True, the series is set to zero where it is negative, and normalised again; if False, it is not.
+        If True, the density is set to zero where the series is negative, and normalised again; if False, it is not.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def to_wind_axes(east: npt.ArrayLike, north: npt.ArrayLike, wind_from: npt.Array
 
 
 def from_wind_axes(upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind_from: npt.ArrayLike) -> tuple[Array, Array]:
-    """Convert upwind and crosswind slopes to slopes (east, north); the inverse of `to_wind_axes`."""
+    """Convert upwind and crosswind slopes [1] to slopes (east, north) [1]; this is the inverse of `to_wind_axes`."""
     return to_wind_axes(upwind, crosswind, wind_from)  # the conversion is a reflection, which is its own inverse
 
 
@@ -207,14 +207,14 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
     Parameters
     ----------
     wind : array_like
-        Speed at `measured_at` [m/s], 0 to 100.
+        Wind speed at the height `measured_at` [m/s], 0 to 100.
     measured_at, wanted_at : float
         Heights above the sea [m], 1 to 100.
 
     Returns
     -------
     ndarray
-        Speed at `wanted_at` [m/s].
+        Wind speed at the height `wanted_at` [m/s].
 
     Examples
     --------
@@ -228,7 +228,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
 
 
 def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:
-    """Gram-Charlier series (the bracket in `density`); x, y: upwind and crosswind slope, each divided by its sigma."""
+    """Gram-Charlier series, the bracket in `density`; x, y: upwind, crosswind slope over their standard deviations."""
     x2, y2 = x * x, y * y
     skew = c21 * (y2 - 1.0) * x / 2.0 + c03 * (x2 - 3.0) * x / 6.0
     peak = c40 * (y2 * y2 - 6.0 * y2 + 3.0) / 24.0 + c22 * (x2 - 1.0) * (y2 - 1.0) / 4.0

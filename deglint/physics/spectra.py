@@ -18,13 +18,13 @@ _ECKV_CM = 0.23  # phase speed of this wave [m/s]
 
 
 def dispersion(wavenumber: Floats) -> Floats:
-    """Angular frequency w [rad/s] of gravity-capillary waves on deep water: w**2 = g k + T k**3 / rho (tension T)."""
+    """Angular frequency w [rad/s] of deep-water waves: w**2 = g k + T k**3 / rho (surface tension T, density rho)."""
     k = np.asarray(wavenumber, dtype=np.float64)
     return np.sqrt(GRAVITY * k + SURFACE_TENSION * k**3)
 
 
 def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
-    """Peak frequency [Hz] of the fully developed sea, ``0.8772 g / (2 pi U19.5)``, with the wind at 19.5 m [m/s]."""
+    """Peak frequency [Hz] of the fully developed sea, ``0.8772 g / (2 pi U19.5)``, for a wind U19.5 at 19.5 m [m/s]."""
     return 0.8772 * GRAVITY / (2 * np.pi * wind_19_5)
 
 
@@ -65,7 +65,7 @@ def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
 
 
 def jonswap_peak(*, wind: float, fetch: float) -> float:
-    """Peak frequency [Hz] of JONSWAP, ``3.5 (g**2 / (U10 F))**(1/3)``: U10 the wind at 10 m [m/s], F the fetch [m]."""
+    """Peak frequency [Hz] of JONSWAP, ``3.5 (g**2 / (U10 F))**(1/3)``, with wind U10 at 10 m [m/s] and fetch F [m]."""
     return 3.5 * (GRAVITY**2 / (wind * fetch)) ** (1 / 3)
 
 
@@ -121,8 +121,8 @@ def elfouhaily_peak(wind: float) -> float:
 def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
     """Elfouhaily's unified spectrum of long and short waves of a fully developed sea.
 
-    ``S(k) = (B_l + B_h) / k**3`` with the curvature spectra B_l of the long waves, which has the shape of JONSWAP, and
-    B_h of the short waves, which peaks at 370 rad/m.
+    ``S(k) = (B_l + B_h) / k**3``, where the curvature spectrum B_l of the long waves has the shape of JONSWAP, and the
+    curvature spectrum B_h of the short waves peaks at 370 rad/m.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _friction_velocity(wind: float) -> float:
 def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
     """Elfouhaily's anisotropy D(k), 0 to 1, of the spreading ``(1 + D cos 2a) / (2 pi)`` at the angle a from the wind.
 
-    `wavenumber` is in rad/m, `wind` is at 10 m [m/s].
+    `wavenumber` k is in rad/m; `wind` is the wind speed at 10 m [m/s].
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / _AGE
@@ -188,9 +188,9 @@ def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
 
 
 def spreading_norm(exponent: float, convention: Literal["half-angle", "full-angle"]) -> float:
-    """Value of the normalised cos-2s spreading function at angle zero [1/rad]; s is the exponent.
+    """Value of the normalised cos-2s directional spreading function at angle zero [1/rad]; `exponent` is s.
 
-    With the angle a from the wind and the gamma function G, the spreading function is, for "half-angle",
+    With the angle a from the wind and the gamma function G, the spreading function is, for `convention` "half-angle",
     ``2**(2s-1)/pi G(s+1)**2/G(2s+1) cos(a/2)**(2s)`` on the full circle, and for "full-angle"
     ``G(s+1)/(sqrt(pi) G(s+1/2)) cos(a)**(2s)`` within 90 degrees of the wind direction.
 

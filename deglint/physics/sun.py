@@ -41,18 +41,18 @@ def position(
     temperature: float = 15.0,
     refraction: bool = True,
 ) -> Position:
-    """Position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
+    """Compute the position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
 
     Parameters
     ----------
     latitude, longitude : array_like
         Latitude and longitude of the place, north and east positive [degree].
     time : datetime, str or numpy.datetime64, or a sequence of them
-        Times; a str is ISO 8601. A time without a time zone is UTC.
+        Times; a str must be in ISO 8601 format. A time without a time zone is in UTC.
     pressure, temperature : float
         Pressure [hPa] and temperature [degree Celsius] of the air, for refraction.
     refraction : bool
-        If True, the zenith angle is apparent, with refraction. If False, it is geometric.
+        If True, the zenith angle is the apparent one, with refraction by the air. If False, it is the geometric one.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def position(
 
 
 def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
-    """Time [UTC] of the next sunrise, to about a minute; NaT if the sun does not rise within a day.
+    """Time in UTC of the next sunrise, accurate to about a minute; NaT if the sun does not rise within a day.
 
     At sunrise the centre of the sun, with refraction, crosses the horizon. The search starts at `time`; arguments are
     as in `position`.
@@ -95,7 +95,7 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
 
 
 def distance_factor(day: npt.ArrayLike) -> Array:
-    """Solar irradiance on a day of the year, relative to the irradiance at mean distance [1].
+    """Solar irradiance on a day of the year, relative to the irradiance at the mean distance of the sun [1].
 
         [1 + 0.0167 cos(2 pi (day - 3) / 365)]^2
 
@@ -108,7 +108,7 @@ def distance_factor(day: npt.ArrayLike) -> Array:
 
 
 def solid_angle(day: npt.ArrayLike | None = None) -> Array:
-    """Solid angle [sr] of the solar disk on a day of the year; without a day, at mean distance.
+    """Solid angle [sr] of the solar disk on a day of the year; without a day, at the mean distance of the sun.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def day_of_year(time: Any) -> Array:
 
 
 def moment(time: Any) -> np.datetime64:
-    """Convert one time, given as for `position`, to UTC; fractions of a second are cut off.
+    """Convert one time, in a form that `position` accepts, to UTC; fractions of a second are cut off.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def moment(time: Any) -> np.datetime64:
 
 @cache
 def _spa() -> Any:
-    """The module pvlib.spa alone: it needs only numpy, while importing all of pvlib takes a second."""
+    """Import the module pvlib.spa without the rest of pvlib, whose import takes a second; spa needs only numpy."""
     package = find_spec("pvlib")
     assert package is not None
     assert package.origin is not None
@@ -157,7 +157,7 @@ def _spa() -> Any:
 
 
 def _seconds(time: Any) -> Array:
-    """Seconds since the start of 1970 UTC, for one time or an array of times."""
+    """Convert one time or an array of times, as `position` accepts them, to seconds since the start of 1970 UTC."""
     if isinstance(time, (str, datetime)):
         return np.asarray(_moment(time).timestamp())
     array = np.asarray(time)
@@ -169,7 +169,7 @@ def _seconds(time: Any) -> Array:
 
 
 def _moment(time: Any) -> datetime:
-    """Convert one time to a datetime with a time zone, by default UTC. Raises InputError: `time` is not in ISO 8601."""
+    """Convert one time to a datetime with a time zone, by default UTC; raise InputError if a str is not ISO 8601."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

@@ -1,7 +1,7 @@
-"""Random sea surfaces from a wave spectrum, by FFT; they move by the dispersion relation.
+"""Random sea surfaces, computed from a wave spectrum by FFT; waves move according to the dispersion relation.
 
 `realise` draws one surface; `Surface.height` and `Surface.slopes` evaluate it at any time without new random numbers,
-so that bands with a delay show the same waves at different times. The surface is periodic.
+so that bands recorded at different times show the same waves. The surface is periodic.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ SLABS = 16  # parts in which random numbers are drawn, each with its own seed; i
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """One random sea surface on a periodic grid."""
+    """One random sea surface on a periodic grid; its height and slopes can be computed at any time."""
 
     sea: Sea
     spacing: float  # grid step [m]
@@ -39,20 +39,20 @@ class Surface:
         return self.amplitudes.shape[0], self.amplitudes.shape[1]
 
     def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
-        """Height of the surface [m], (row, column) float32, row 0 in the north, at a time [s]."""
+        """Height [m] at a time [s], (row, column) float32, row 0 in the north; computed on `workers` threads."""
         return np.ascontiguousarray(self._field(time, False, workers).real)
 
     def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Slopes towards east and towards north [1], (row, column) float32 each, at a time [s]."""
+        """Slopes to the east and north [1] at a time [s], (row, column) float32 each; computed on `workers` threads."""
         packed = self.packed_slopes(time, workers=workers)
         return np.ascontiguousarray(packed.real), np.ascontiguousarray(packed.imag)
 
     def packed_slopes(self, time: float = 0.0, *, workers: int = 1) -> Complex:
-        """East slope + i * north slope, (row, column) complex64, at a time [s]; it takes one FFT instead of two."""
+        """East slope + i * north slope [1] at a time [s], (row, column) complex64; one FFT on `workers` threads."""
         return self._field(time, True, workers)
 
     def _field(self, time: float, slopes: bool, workers: int) -> Complex:
-        """East slope + i * north slope [1] if `slopes`, else the height [m] as the real part, at a time [s]."""
+        """Complex array (row, column) at a time [s]: east slope + i * north slope [1] if `slopes`, else height [m]."""
         from scipy import fft
 
         from ._surface_kernels import evolve
@@ -66,9 +66,9 @@ class Surface:
 
 
 def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
-    """Call work(first row, last row + 1) on `workers` threads, for slabs that together cover all rows.
+    """Divide the rows 0 to `rows` - 1 into parts, and call work(first row, last row + 1) for each on `workers` threads.
 
-    How the rows are divided depends on `workers`, so the result of `work` must not depend on the division.
+    The division depends on `workers`, so the result of `work` must not depend on the division.
     """
     if workers < 2:
         work(0, rows)
@@ -79,7 +79,7 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
-    """Draw an array of standard normal numbers on `workers` threads; the numbers do not depend on `workers`."""
+    """Draw standard normal numbers, an array of `shape`, on `workers` threads; they depend on `seed`, not `workers`."""
     out = np.empty(shape, np.float32)
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
@@ -93,20 +93,20 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
 
 
 def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0, workers: int = 1) -> Surface:
-    """Draw a random surface.
+    """Draw a random sea surface.
 
     The height is ``z = sum a(k) exp(i k x - i w t) + c.c.`` over the wavenumber vectors k of the grid, whose steps are
     dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
     [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
 
-    Raises InputError: the grid spans less than one peak wave or 8 x 8 points, or step exceeds a quarter of it.
+    Raises InputError if the grid has fewer than 8 x 8 points or 1 peak wavelength, or its step exceeds a quarter of it.
 
     Parameters
     ----------
     sea : Sea
         Wind, wave spectrum and directional spreading.
     shape, spacing : (int, int), float
-        Rows and columns of the grid, and its step [m].
+        Numbers of rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
         The same seed gives the same surface to the bit, whatever `workers` is.
     workers : int
@@ -114,8 +114,8 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
 
     Notes
     -----
-    Waves that are longer than the grid, or not resolved by it, are absent. If the grid spans four peak waves, the
-    significant wave height is right to a few percent; for slopes, one peak wave is enough. Memory: 25 bytes per point.
+    Waves that are longer than the grid, or not resolved by it, are absent. With four peak wavelengths, the significant
+    wave height is right to a few percent; for slopes, one is enough. It needs 25 bytes of memory per grid point.
 
     References
     ----------
@@ -145,7 +145,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
 
 
 def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
-    """Check that a grid can hold the waves; see `realise`. Raises InputError: it cannot."""
+    """Raise InputError if a grid of this shape and spacing [m] does not meet the conditions of `realise` for `sea`."""
     peak = sea.peak_wavelength
     if not spacing > 0 or min(shape) < 8:
         raise InputError(f"grid must have a step above 0 m and at least 8 x 8 points, got {spacing:g} m and {shape}")
@@ -162,7 +162,7 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
 
 
 def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The arguments `table` and `how` of `fill_amplitudes`, for wavenumbers from `lowest` to `highest` [rad/m]."""
+    """Arguments `table` and `how` of `fill_amplitudes` for `sea` and wavenumbers from `lowest` to `highest` [rad/m]."""
     from ._surface_kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
 
     logs = np.linspace(np.log(lowest) - 1e-6, np.log(highest) + 1e-6, 8193)

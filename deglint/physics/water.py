@@ -1,9 +1,9 @@
 """Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
 Remote-sensing reflectance is water-leaving radiance divided by irradiance, both just above the surface [1/sr], without
-reflection at the surface. For deep water the model is Lee et al. (2011), with a table over sun and view angles;
-outside this table the model is Lee et al. (1999), which does not depend on angles. For an object the model is Lee et
-al. (1999), with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
+reflection at the surface. For deep water it follows the model of Lee et al. (2011), a table of sun and view angles, and
+outside this table the model of Lee et al. (1999), which does not depend on angles. For an object it follows Lee et al.
+(1999), with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
 
 `relative_azimuth` is the azimuth of the sensor minus the azimuth of the sun, both seen from the target: at 0 the sensor
 is on the side of the sun, at 180 on the opposite side, where the glint is.
@@ -38,7 +38,7 @@ def deep_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep water [1/sr].
 
-    The model is Lee et al. (2011) for sun zenith angles up to 75 and view zenith angles up to 70 degrees, else (1999).
+    The model is `lee_2011` for sun zenith angles up to 75 and view zenith angles up to 70 degrees, else `lee_1999`.
 
     Parameters
     ----------
@@ -68,8 +68,8 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
 
         Rrs = (Gw0 + Gw1 u) u + (Gp0 + Gp1 v) v,  u = b_bw / k,  v = b_bp / k,  k = a + b_bw + b_bp
 
-    a is absorption, b_bw and b_bp backscattering of water and of particles. The table is interpolated linearly between
-    its angles; a larger zenith angle gets the coefficients at its edge. Arguments are as in `deep_reflectance`.
+    a is absorption, b_bw and b_bp backscattering of water and of particles. The published table of the coefficients is
+    interpolated linearly; beyond its largest zenith angles it is not extrapolated. Arguments: see `deep_reflectance`.
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
@@ -166,9 +166,9 @@ def absorption_only_reflectance(
 
         T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H)
 
-    This is the fast model of Fink (2014), section 2.5, for comparison. Symbols, parameters and errors raised are as in
-    `submerged_reflectance`. Relative to the Monte Carlo simulation in its notes, the contrast between object and water
-    is 27 % too high on average; the error grows with depth.
+    This is the fast model of Fink (2014), section 2.5, for comparison. Symbols, parameters and errors are as in
+    `submerged_reflectance`. Relative to the Monte Carlo simulation that is mentioned there, the contrast between object
+    and water is 27 % too high on average; the error grows with depth.
     """
     depth, albedo = _object(depth, reflectance)
     paths = _path(sun_zenith) + _path(view_zenith)
@@ -177,7 +177,7 @@ def absorption_only_reflectance(
 
 
 def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:
-    """Check depth [m] and reflectance [1] of an object, and return them as float64."""
+    """Return depth [m] and reflectance [1] of an object as float64; InputError if outside 0 to 1000 or 0 to 1."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 
@@ -188,7 +188,7 @@ def _path(zenith: npt.ArrayLike) -> Array:
 
 
 def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: npt.ArrayLike) -> Array:
-    """T_d T_u [1], surface transmittances for irradiance downwards (direct share `direct`) and radiance upwards."""
+    """Surface transmittance [1] for downward irradiance (direct share `direct`) times that for upward radiance."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
     return downward * fresnel.radiance_transmittance(view_zenith)

@@ -1,4 +1,4 @@
-"""The wind sea: its wave spectrum, and the variances and correlations that follow from it.
+"""The wind sea: its wave spectrum, and the variances of slopes that follow from it.
 
 A `Sea` defines the spectrum, the wind and the directional spreading; the functions compute its statistics by numerical
 integration. `deglint.physics.surface` draws random surfaces of a `Sea`. The formulas of the spectra are in
@@ -37,10 +37,10 @@ class Sea(Checked):
         Wind speed at 10 m [m/s], 1 to 20, and azimuth that the wind blows from [degree].
     fetch : float
         Distance over which the wind has blown [m]; only JONSWAP uses it.
-    spreading : str, optional
-        Directional spreading; by default "elfouhaily" for the spectrum of that name, else "half-angle" (cos-2s).
+    spectrum, spreading : str, and str, optional
+        Wave spectrum; directional spreading, by default "elfouhaily" for that spectrum, else "half-angle" (cos-2s).
     exponent, opposing : float
-        Exponent s of the cos-2s spreading; in Elfouhaily's, share of the energy that travels upwind [1], 0 to 0.5.
+        Exponent s of the cos-2s spreading; share of the energy that goes upwind in Elfouhaily's spreading, 0 to 0.5.
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
@@ -75,7 +75,7 @@ class Sea(Checked):
 
 
 def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
-    """Omnidirectional spectral density of height [m3] at wavenumbers [rad/m].
+    """Omnidirectional spectral density of height [m3] of `sea` at wavenumbers [rad/m].
 
     A frequency spectrum E(f) is converted by ``S(k) = E(f) dw/dk / (2 pi)``; w(k) includes surface tension.
     """
@@ -101,8 +101,8 @@ def spread_convention(sea: Sea) -> Spreading:
 def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
     """Energy-weighted mean of cos(2a) over the waves of a wavenumber [rad/m]; a is the angle between wave and wind.
 
-    It is 0 for isotropic waves and 1 if all waves travel along the wind: D / 2 with `spectra.elfouhaily_spread` D,
-    ``s (s-1) / ((s+1)(s+2))`` for half-angle and ``s / (s+1)`` for full-angle cos-2s with the exponent s.
+    It is 0 for isotropic waves, and 1 if all waves travel along the wind. It is D / 2 for Elfouhaily's spreading (D is
+    `spectra.elfouhaily_spread`), and for cos-2s ``s (s-1) / ((s+1)(s+2))`` (half-angle) or ``s / (s+1)`` (full-angle).
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     convention, s = spread_convention(sea), sea.exponent
@@ -112,9 +112,9 @@ def anisotropy(wavenumber: Floats, sea: Sea) -> Floats:
 
 
 def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> Floats:
-    """Wavenumbers (4001,) [rad/m] in even logarithmic steps, for integrals over the waves between two wavelengths [m].
+    """Wavenumbers (4001,) [rad/m] in even logarithmic steps for integrals over the waves between two wavelengths [m].
 
-    `longest` is ten times the peak wavelength by default. Raises InputError: `shortest` is not between 0 and `longest`.
+    `longest` is by default ten times the peak wavelength. Raises InputError if `shortest` is not in (0, `longest`).
     """
     low = sea.peak_wavenumber / 10 if longest is None else 2 * np.pi / longest
     if not shortest > 0 or 2 * np.pi / shortest <= low:
@@ -123,7 +123,7 @@ def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHO
 
 
 def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
-    """Variance of the upwind and the crosswind slope [1] of the waves between two wavelengths [m]; see `wavenumbers`.
+    """Variances of upwind and crosswind slope [1] due to waves between two wavelengths [m], as in `wavenumbers`.
 
     Examples
     --------

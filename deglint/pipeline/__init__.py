@@ -1,7 +1,7 @@
-"""From a file to a deglinted file: read an overview, fit on a sample, correct tile by tile, record what was done.
+"""Processing of a scene from file to file: read an overview, fit to a sample, correct tiles, and record what was done.
 
-The only package that combines readers, masks, methods and writers. A `Recipe` holds the options, `fit_scene` fits them
-to a scene, `remove_glint` processes a file.
+This is the only package that combines readers, masks, methods and writers. A `Recipe` holds the options, `fit_scene`
+fits a removal to a scene, and `remove_glint` processes a file.
 """
 
 from .fit import Fitted, fit_scene

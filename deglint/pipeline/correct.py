@@ -1,4 +1,4 @@
-"""Correct a scene tile by tile: corrected values, flags, numbers of pixels, amounts of glint and standard errors."""
+"""Correct a scene tile by tile: corrected values, flags, counts of pixels, amounts of glint and standard errors."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -72,7 +72,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Correction:
-    """Function that corrects a tile of a scene; immutable, so that threads can share it."""
+    """A function that corrects a tile of a scene, with its settings; immutable, so that threads can share it."""
 
     scene: Scene
     model: GlintModel
@@ -95,17 +95,17 @@ class Correction:
 
     @property
     def halo(self) -> int:
-        """Pixels around a tile that are read with it."""
+        """Margin around a tile that is read with it [pixel]."""
         return self.chain_halo + (self.water.halo if self.water else 0)
 
     @property
     def chain_halo(self) -> int:
-        """Pixels around a cell (see `CHAIN_CELL`) that the chain and the removal need."""
+        """Margin around a cell (see `CHAIN_CELL`) that the chain and the removal need [pixel]."""
         return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
     def by_cells(self) -> bool:
-        """Whether tiles are corrected cell by cell (see `CHAIN_CELL`)."""
+        """Whether tiles are corrected in squares of the scene, one by one (see `CHAIN_CELL`)."""
         return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
@@ -135,7 +135,7 @@ class Correction:
         return self._corrected(block), block.where
 
     def _corrected(self, block: Block) -> npt.NDArray[Any]:
-        """Corrected physical values of the tile, (band, row, column); `block.changes` says where they changed."""
+        """Corrected physical values of the tile, (band, row, column); `block.changes` is set to the changed pixels."""
         physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
         if self.changed and block.where.any():
             if not self.chain.runs:
@@ -160,7 +160,7 @@ class Correction:
         return Block(tile, outer, raw[place], own_valid, wide, water, known, known & water[place])
 
     def training(self, tile: Tile) -> Training:
-        """The tile as a training tile, before the correction; all of its water is the sample."""
+        """Read a tile as a training tile, without correcting it; all of its water belongs to the sample."""
         block = self._read(tile)
         return Training(tile, block.outer, block.wide, block.water, np.ones(tile.shape, np.bool_))
 
@@ -232,7 +232,7 @@ class Correction:
         return np.where(known, out, np.nan)[self.changed].astype(np.float32)
 
     def _encoded(self, block: Block, physical: Any) -> tuple[npt.NDArray[Any], Mask, Mask]:
-        """All bands as numbers for the output file, and masks of the negative and of the clipped values, like bands."""
+        """All bands as numbers for the file, and masks of negative and of clipped values, (band, row, column) each."""
         info, layout = raster_of(self.scene).info, self.layout
         raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         negative, clipped = np.zeros((2, *raw.shape), np.bool_)
@@ -257,10 +257,10 @@ def correction(
     scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
     threads: int = 1,
 ) -> Correction:  # fmt: skip
-    """The `Correction` of a scene with the models and masks of `fitted`.
+    """Make the `Correction` of a scene from the model, the chain and the water rule in `fitted`.
 
-    `mask` and `dtype` override the recipe's mask and the scene's data type. `targets` are the outputs: if one needs
-    noise or standard errors, these are estimated here, on `threads` threads.
+    `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
+    needs noise or standard errors, these are estimated here, on `threads` threads.
     """
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
@@ -292,7 +292,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """The same correction, which also computes standard errors. InputError, FitError: they cannot be estimated."""
+    """A copy of `work` that also computes standard errors. Raises InputError or FitError if this is not possible."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
@@ -314,7 +314,7 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """The same correction with `noise` set, from the noise of the pixels and the rounding to integers of the file."""
+    """A copy of `work` with `noise` set to the noise of corrected pixels, including that of rounding to integers."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = [noise([np.nan_to_num(p[b]) for p in done], inside) for b in work.changed]

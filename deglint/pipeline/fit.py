@@ -1,4 +1,4 @@
-"""Fit a recipe to a scene: read an overview, choose a candidate where the recipe leaves the choice open, fit it."""
+"""Fit a recipe to a scene: read an overview, choose a candidate if the recipe leaves the choice open, and fit it."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,7 +31,7 @@ class Fitted:
     ----------
     model : GlintModel
     recipe : Recipe
-        With the method, compensation and regression that were chosen.
+        The options, with the method, compensation and regression that were chosen.
     notes : tuple of str
         The decisions, as lines for the log.
     sampled : dict or None
@@ -79,9 +79,9 @@ def fit_scene(
     want_sample : bool
         Return the sample's outline as GeoJSON.
     progress : callable, optional
-        Called as progress(stage, done, total).
+        Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     run : callable
-        Function that processes the sample's tiles: on threads, or the `run` method of a cluster.
+        Function that processes the tiles of the sample, on threads or, as the `run` method of a cluster, on workers.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def fit_scene(
     Raises
     ------
     BandError, NoWaterError, FitError
-        No NIR band, or a selected band does not exist; no water in the scene; the sample does not allow a fit.
+        No band is in the NIR, or a selected one is missing; the scene has no water; the sample does not allow a fit.
 
     Examples
     --------
@@ -109,8 +109,8 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to an overview of a part of the scene. If it has too little water, or an automatic sample does not reach
-    `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
+    """Fit to an overview, which is a part of the scene. If it has too little water, or an automatic sample does not
+    reach `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
     """
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
@@ -190,9 +190,9 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Prepare a saved model, and the `chain` saved with it, for this scene.
+    """Prepare a saved model, and the `chain` saved with it, for this scene, as a `Fitted`.
 
-    Raises InputError: the model cannot be applied to this scene; NoWaterError: the scene contains no water.
+    Raises InputError if the model cannot be applied to this scene, and NoWaterError if the scene contains no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

@@ -65,7 +65,7 @@ _ANGLE_TAGS = {
 
 
 def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) -> npt.NDArray[np.uint8]:
-    """Flags of a corrected tile, (row, column); the arguments are masks (band, row, column)."""
+    """Flags of a corrected tile, (row, column), from `FLAGS`; the other arguments are masks (band, row, column)."""
     flags = np.full(block.tile.shape, NOT_WATER, np.uint8)
     flags[block.where] = CORRECTED if block.changes else 0
     if block.replaced is not None:
@@ -79,7 +79,7 @@ def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) 
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> PixelCounts:
-    """Count pixels by `flags` (row, column), and for each band those that changed, and those of each mask `marked`."""
+    """Count pixels by `flags` (row, column), and in each band the changed pixels and those in each mask `marked`."""
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
@@ -139,7 +139,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """Path and layout of each additional raster; keys are the fields of `Corrected` that hold the values.
+    """Path and layout of each additional raster (flags, amounts, standard errors), by field of `Corrected`.
 
     `modelled` is the result of `sky_glint`.
     """
@@ -175,8 +175,8 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
     with L the reflected sky radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
     Returns the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
-    three sky models, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. None, with a line in the log, if the scene
-    does not state the angles of sun and sensor, or has no such band.
+    three sky models, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. The result is None, with a line in the log,
+    if the scene does not state the angles of sun and sensor, or has no such band.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     angles: dict[str, Any] = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}
@@ -215,9 +215,9 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle [degree] from tag `name`, else from tag `other`; None if neither is a number.
-
-    If `zenith`, `name` is a zenith angle in 0 to `VIEW_LIMIT`, and `other` an elevation (90 degrees minus it).
+    """An angle [degree] from tag `name`, or else from tag `other`; None if neither is a number.
+    If `zenith` is True, tag `name` is a zenith angle, and tag `other` is an elevation, 90 degrees minus the zenith
+    angle. None is also returned for a zenith angle outside 0 to `VIEW_LIMIT`.
     """
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:

@@ -1,4 +1,4 @@
-"""Outputs of a run: their names, the result, the sidecar, and a log line for each decision (DEBUG: the reasons)."""
+"""Outputs of a run: their paths, the result, the sidecar, and log lines for decisions (at level DEBUG: reasons)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  
 
 @dataclass(frozen=True)
 class Outputs:
-    """Names and options of the outputs."""
+    """Paths of the output files, and options for writing them."""
 
     image: Path  # the corrected raster; the sidecar has its name with ".json" appended
     flags: Path | None = None  # flags and classes of sun glint
@@ -60,18 +60,18 @@ class Outputs:
 
     @property
     def sidecar(self) -> Path:
-        """Name of the sidecar."""
+        """Path of the sidecar, the JSON file beside the image that says what was done and why."""
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """All files that will be written."""
+        """Paths of all files that will be written."""
         beside = (getattr(self, name) for name in BESIDE)
         return [self.image, self.sidecar, *(path for path in beside if path is not None)]
 
 
 @dataclass
 class PixelCounts:
-    """Numbers of pixels of a tile or a run. Fields "for each band": array (band,) in scene order, or 0 if all are 0."""
+    """Counts of the pixels of a tile or run. A count for each band: (band,) in scene order, or 0 if all are 0."""
 
     total: int = 0
     nodata: int = 0
@@ -86,26 +86,25 @@ class PixelCounts:
     glint: Any = 0  # for each class of sun glint
 
     def add(self, other: PixelCounts) -> None:
-        """Add a tile's counts."""
+        """Add the counts of another tile to these counts."""
         for name, count in vars(other).items():
             setattr(self, name, getattr(self, name) + count)
 
     def by_band(self, name: str, names: Sequence[str]) -> dict[str, Any]:
-        """The numbers in field `name` for each band; keys are the band `names`."""
+        """The counts in field `name`, one for each band, as a dictionary; its keys are the band `names`."""
         return dict(zip(names, np.broadcast_to(getattr(self, name), len(names)), strict=True))
 
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a run.
+    """Result of a run of `remove_glint`.
 
     Attributes
     ----------
-    fitted : Fitted
-    tally : PixelCounts
-    sidecar : dict
-        Content of the sidecar.
-    warnings : tuple of str
+    fitted, tally : Fitted, PixelCounts
+        What was fitted to the scene, and the numbers of corrected and of other pixels.
+    sidecar, warnings : dict, tuple of str
+        Content of the sidecar, and the warnings in it.
     """
 
     fitted: Fitted
@@ -119,7 +118,7 @@ class Result:
         return f"Result({self.sidecar['output']!r}, {self.fitted.model.method}, {pixels} of bands {bands})"
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the scene before and after the correction, with one stretch; argument and errors as of `Scene.plot`."""
+        """Draw the scene before and after the correction, with the same stretch; `ax` and result as in `Scene.plot`."""
         from ..plotting import drawn
         from ..readers import open_scene
 
@@ -136,7 +135,7 @@ class Result:
 
 
 def why(lines: Sequence[str]) -> None:
-    """Log the reasons for a decision, one a line, at level DEBUG, which -v shows."""
+    """Log the reasons for a decision, one per line, at level DEBUG, which the option -v shows."""
     for line in lines:
         log.debug("  %s", line)
 
@@ -159,7 +158,7 @@ def log_scene(scene: Scene) -> None:
 
 
 def log_nir(note: str) -> None:
-    """Log the `note` on the NIR bands; a doubt in it is logged as a warning."""
+    """Log the `note` on the choice of the NIR bands; what follows "; warning: " in it is logged as a warning."""
     said, _, doubt = note.partition("; warning: ")
     log.info("%s", said)
     if doubt:
@@ -167,7 +166,7 @@ def log_nir(note: str) -> None:
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
-    """Log which pixels are corrected; return the note on the water, if there is a `rule`. NoWaterError: no water."""
+    """Log which pixels are corrected; return notes on the water found by `rule`. Raises NoWaterError without water."""
     if rule is None:
         if mask != "auto":
             log.info("mask: %s%s", mask, ", every valid pixel is corrected" if mask == "none" else "")
@@ -188,7 +187,7 @@ def log_model(model: GlintModel, notes: Sequence[str]) -> None:
 
 
 def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
-    """Log which bands and pixels were changed."""
+    """Log which bands and pixels were changed; `said` is the content of the sidecar."""
     pixels = said["pixels"]
     copied = [n for n in scene.names if n not in pixels["changed"]]
     kinds = {"corrected": pixels["changed"], "copied": copied}
@@ -202,7 +201,7 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
 def sidecar(
     scene: Scene, fitted: Fitted, targets: Outputs, tally: PixelCounts, checksum: Checksum, seconds: float
 ) -> dict[str, Any]:
-    """Content of the sidecar, as plain values."""
+    """Content of the sidecar, as nested dictionaries; `seconds` is the duration of the run."""
     by_band = partial(tally.by_band, names=scene.names)
     return {
         "deglint": __version__,
@@ -243,7 +242,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """Reasons why no water was searched for (key "water mask"), and why bands were not corrected (key: the name)."""
+    """Reasons why water was not searched (key "water mask"), and why bands were not corrected (key: band name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"
@@ -269,7 +268,7 @@ def versions() -> dict[str, str]:
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
-    """Warnings: pixels below zero, and pixels clipped to the integer range of the output, in each band."""
+    """Warnings, with numbers of pixels per band: pixels below zero, or clipped to the integer range of the output."""
     said = []
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
         if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
@@ -284,7 +283,7 @@ def saved(fitted: Fitted) -> str:
 
 
 def load_model(path: str) -> GlintModel:
-    """Read the model that `--save-model` wrote. Raises ReadError, InputError: no such file, or not a saved model."""
+    """Read the model that `--save-model` wrote. Raises ReadError if there is no file, InputError if it is no model."""
     return _load(path)[0]
 
 
@@ -294,7 +293,7 @@ def load_chain(path: str) -> Chain:
 
 
 def _load(path: str) -> tuple[GlintModel, Chain]:
-    """Read the model and the compensation from a file with the text that `saved` returns."""
+    """Read the model and the compensation, or else an empty chain, from a file with the text that `saved` returns."""
     text = read_text(path, "--model")
     try:
         model, chain = GlintModel.from_json(text), json.loads(text).get("compensation")

@@ -45,7 +45,9 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of ever larger parts of a scene, the last of all; `wanted`: with a water rule; `nir`: 0-based."""
+    """Yield overviews of larger and larger parts of a scene; the last one is of the whole scene.
+    If `wanted`, water is searched in each. `nir` is the 0-based NIR band. Raises NoWaterError if no pixel is valid.
+    """
     roles, bands = roles_of(scene, nir)
     total = scene.height * scene.width
     reflectance = (scene.sensor or "").startswith(("sentinel2", "landsat")) or all(
@@ -65,7 +67,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
 
 
 def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
-    """Roles of the bands that the masks use, as numbers in a block of these bands; and their 0-based scene bands."""
+    """Roles of the bands that the masks use, as indices into a block of these bands; and their 0-based scene bands."""
     visible = {role: band for role, band in band_roles(scene).items() if role in ("blue", "green", "red")}
     found = {role: band for role, band in visible.items() if band not in (None, nir)} | {"nir": nir}
     bands = tuple(sorted(found.values()))
@@ -73,7 +75,7 @@ def roles_of(scene: Scene, nir: int) -> tuple[Roles, tuple[int, ...]]:
 
 
 def _lattice(scene: Scene, pixels: int) -> list[Tile]:
-    """Tiles spread evenly over a scene, with about `pixels` pixels in all, chosen from at most about `MOST_TILES`."""
+    """Tiles spread evenly over a scene, with about `pixels` pixels in all, chosen from at most about 260,000 tiles."""
     side = TILE_SIDE * max(1, math.isqrt(scene.height * scene.width // (TILE_SIDE**2 * MOST_TILES)))
     corners = tiling.tiles(scene.height, scene.width, (side, side))
     cut = [Tile(t.row0, min(t.row0 + TILE_SIDE, t.row1), t.col0, min(t.col0 + TILE_SIDE, t.col1)) for t in corners]
@@ -100,7 +102,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
 
 def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
-    """The first overview in which water is found, or the last; the first if the scene has no visible band."""
+    """The first overview with water, else the last one; without visible bands the first one. `nir` is 0-based."""
     for overview in overviews(scene, nir, threads, wanted=True):
         if overview.water is None or overview.water.has_water:
             break
@@ -115,7 +117,7 @@ def raster_of(scene: Scene) -> RasterSource:
 def on_threads(
     tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Any]:
-    """Iterate over `work(tile)` of each tile, in order; the work reads the scene on several threads."""
+    """Iterate over the results of `work(tile)`, in the order of the tiles; several threads read and process tiles."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
 
@@ -136,7 +138,7 @@ def tile_shape_of(scene: Scene) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Sampler:
-    """Where the sample of a scene lies."""
+    """Where the sample of a scene lies: tiles that contain it, and a function that returns its mask in a tile."""
 
     tiles: Sequence[Tile]  # tiles that contain the sample
     squares: Sequence[Tile]  # others, of up to `TILE_SIDE` pixels a side, whatever the blocks of the file are
@@ -162,18 +164,16 @@ class Job:
     sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
-        """Iterate over `work(tile)` of each tile, in order, on as many threads as memory allows.
-
-        `halo`: pixels around a tile that `work` reads; `note`: called with the numbers of finished and of all tiles.
+        """Iterate over the results of `work(tile)`, in the order of the tiles, on as many threads as memory allows.
+        `halo`: margin that `work` reads around a tile [pixel]; `note`: called with numbers of finished and all tiles.
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))
         return on_threads(tiles, work, at_once, note)
 
 
 def sampler_of(job: Job) -> Sampler:
-    """The `Sampler` for the sample that the recipe of a job requests.
-
-    Raises FitError, InputError, ReadError: no sample was found, or the given one cannot be used.
+    """Make the `Sampler` for the sample that the recipe of a job requests.
+    Raises FitError if no sample is found, and InputError or ReadError if the given sample cannot be used.
     """
     scene, sample, overview = job.scene, job.recipe.sample, job.overview
     if sample == "auto":

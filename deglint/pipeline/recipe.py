@@ -1,4 +1,4 @@
-"""Options for processing a scene, those of `deglint remove`, as one frozen value."""
+"""Options for processing a scene, the same as those of the command `deglint remove`, in an immutable object."""
 
 import re
 from dataclasses import dataclass
@@ -34,9 +34,9 @@ class Recipe:
     bands : tuple of str
         Bands to correct, by name or 1-based number; if empty, all bands of shorter wavelength than the NIR.
     sample : str
-        "auto", "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
+        Pixels to fit to: "auto" (open water), "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
     mask : str
-        "auto" (water found in the scene), "none", or a raster, GeoJSON file or window of the pixels to correct.
+        Pixels to correct: "auto" (water that is found), "none" (all valid), a raster, a GeoJSON file or a window.
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
@@ -50,8 +50,8 @@ class Recipe:
         Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
         not known.
     tolerance : float
-        Reading of the sample stops when the relative standard error of the slopes is at most this. 0 (off): a given
-        sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sample`.
+        Reading of the sample stops when the relative standard error of the slopes is at most this [1]. With 0 (off), a
+        given sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sample`.
     """
 
     method: str = "auto"
@@ -107,7 +107,7 @@ class Recipe:
 
     @property
     def chain(self) -> str:
-        """Stages of compensation as text: "auto" if a candidate is to be chosen, "off" for no stages."""
+        """Chain of stages as text; "auto" if a candidate is to be chosen on the scene, "off" for no stages."""
         if self.compensate == "auto":
             return "auto" if self.method == "auto" else "off"
         return THESIS_CHAIN if self.compensate == "thesis" else self.compensate
@@ -117,7 +117,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:
-    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), a number, or a list; `field`: name for errors."""
+    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; `field` is its name in errors."""
     try:
         return tuple(map(str, split_wanted(value)))
     except InputError as error:
@@ -125,7 +125,7 @@ def band_names(value: Any, field: str) -> tuple[str, ...]:
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
-    """The request for a fit with the recipe's bands, and a note for the log on the choice of the NIR bands."""
+    """Make the request for a fit with the bands of a recipe; return also a log line on the choice of the NIR bands."""
     wanted = list(recipe.nir) or None
     nir, note = find_nir(scene, wanted), explain_nir(scene, wanted)
     use = "mean" if recipe.nir_use == "auto" else recipe.nir_use
@@ -141,7 +141,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """0-based NIR band of each set of bands taken at the same time; empty with one set, or a set without NIR band."""
+    """0-based NIR band of each set of bands taken at the same time; empty if a set has none, or there is one set."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()
@@ -159,7 +159,7 @@ def smallest_object(text: str | None, pixel: float | None) -> float:
     """Width of the smallest object to keep [pixel], from text such as "4m" or "16px".
 
     `pixel` is the pixel size [m], None if not known. Without text the width is 4 m, or 16 pixels if `pixel` is None.
-    Raises InputError: the text is no length, or is in metres and `pixel` is None.
+    Raises InputError if the text is not a length, or is in metres and `pixel` is None.
     """
     if not text:
         return UNKNOWN_OBJECT if pixel is None else SMALLEST_OBJECT / pixel

@@ -54,7 +54,7 @@ def remove_glint(
     source : path or sequence of paths
         GDAL name(s) of the input, as `deglint.open_scene` takes them.
     image : path or Outputs
-        Output, a local GeoTIFF, or the names of all outputs. `image`.json is written beside it.
+        Path of the corrected image, a local GeoTIFF; or all outputs. The sidecar, `image`.json, is written beside it.
     recipe : Recipe, optional
         Options; by default everything is determined automatically.
     model : GlintModel, optional
@@ -62,7 +62,7 @@ def remove_glint(
     threads, cluster : int and Cluster, optional
         Threads, by default all processors; or workers (`deglint.cluster.connect`) with the same result.
     progress : callable, optional
-        Called as progress(stage, done, total).
+        Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
         sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`; chain: see `model`.
@@ -74,7 +74,7 @@ def remove_glint(
     Raises
     ------
     ReadError, WriteError, InputError, BandError, FitError, NoWaterError
-        With a one-line message and remedy. No partial output is left, and existing files are not changed.
+        The message has one line and names a remedy. No partial output is left, and existing files are not changed.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def remove_glint(
 
 @dataclass(frozen=True)
 class _Run:
-    """How the tiles of a run are processed, and when the run began."""
+    """Threads or cluster on which the tiles of a run are processed, and the time when the run began."""
 
     threads: int
     progress: Progress
@@ -116,7 +116,7 @@ class _Run:
 
 
 def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
-    """Check that the outputs can be written and that they replace no input; return the files of the scene."""
+    """Check that outputs can be written and replace no input (nor the file `sensor`); return the files of the scene."""
     given = [as_path(p, "source") for p in (source if isinstance(source, (list, tuple)) else [source])]
     files = [file for name in given for file in files_of(name)]
     named = {"--sample": recipe.sample, "--mask": recipe.mask, "--sensor": str(sensor or "")}
@@ -128,7 +128,7 @@ def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, target
 
 
 def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
-    """Correct a scene and write all outputs."""
+    """Correct a scene, write all outputs in `targets`, and return the result of the run."""
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
@@ -161,7 +161,7 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
 def _write_tiles(
     scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: _Run
 ) -> PixelCounts:
-    """Correct all tiles, write them and the additional rasters, and count pixels."""
+    """Correct all tiles, write them and the additional rasters, and count pixels; `sky` comes from `sky_glint`."""
     scene, image = work.scene, work.layout
     everything = tiling.tiles(scene.height, scene.width, image.tile)
     at_once = tiling.affordable(run.threads, image.tile, len(scene.bands) * (CHAIN_COPIES if work.by_cells else 1))
@@ -180,7 +180,7 @@ def _write_tiles(
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Limit OpenCV to one thread, as several tiles are processed at a time."""
+    """Context in which OpenCV uses one thread only, as several tiles are processed at a time."""
     import cv2
 
     before = cv2.getNumThreads()
@@ -201,9 +201,9 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     fitted : Fitted
         Result of `fit_scene`; its compensation and its water mask are applied, too.
     window : ((row0, row1), (col0, col1)), optional
-        The whole scene by default.
+        Rows and columns to correct, ends excluded; the whole scene by default.
     mask : str, optional
-        As in `Recipe`; the recipe's own by default.
+        Pixels to correct, as in `Recipe`; by default the mask of the recipe of `fitted`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Fit to the sample of a scene: read training tiles, fit to them or try candidates on them; fit pointwise methods.
+"""Fit a removal to the sample of a scene: read training tiles, try candidates on them or fit to them.
 
 A pointwise method uses no neighbouring pixels. With a tolerance, tiles spread over the scene are read in batches, until
 the relative standard error of the glint in each corrected band (`deglint.remove.glint_error`) is at most the tolerance,
@@ -59,7 +59,7 @@ Sampled = tuple[dict[str, Any], dict[str, Any] | None]
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A training tile: a part of a scene that is read for a fit, with the halo that stages need."""
+    """A training tile: a part of a scene that is read for a fit, with the halo that compensation stages need."""
 
     tile: Tile
     outer: Tile  # the tile with its halo
@@ -69,20 +69,20 @@ class Training:
 
     @property
     def inside(self) -> Mask:
-        """Mask of the sample on the pixels of `outer`, (row, column); False in the halo."""
+        """Mask of the sample on the tile with its halo, (row, column); False in the halo."""
         out = np.zeros(self.outer.shape, np.bool_)
         out[self.tile.within(self.outer)] = self.sample
         return out
 
     def as_sample(self, image: FloatArray | None = None) -> SampleTile:
-        """The tile without its halo, for methods that use neighbouring pixels; `image` replaces `block` if given."""
+        """The tile without its halo, for methods that use neighbouring pixels; if given, `image` replaces `block`."""
         core = self.tile.within(self.outer)
         block = np.ascontiguousarray((self.block if image is None else image)[core])
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
 def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
-    """Make a function that reads a training tile; its sample is the named one, or the water away from shores."""
+    """Make a function that reads a training tile; the sample is that of the recipe, or else water away from shores."""
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or halo else None  # None: a named sample is all that is used
     reach = rule.halo if rule else 0
@@ -108,7 +108,7 @@ def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips of odd and of even detectors, from the footprints of a 0-based band; None if unknown, or only one kind."""
+    """Strips of odd and of even detectors, from the detector footprints of a 0-based band; None if not both exist."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -122,7 +122,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, kinds: SquareKinds) -> Strips:
-    """Find strips with opposite band delays in the scene; `kinds` gives the kind of strip of each square in a tile."""
+    """Find strips with opposite band delays; `kinds` gives the kind of strip of each square of 64 pixels in a tile."""
     read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -132,7 +132,7 @@ def strips_in(job: Job, kinds: SquareKinds) -> Strips:
 
 
 def setting(job: Job) -> Setting:
-    """Properties of the scene that the fit of a chain needs: bands, NIR, PSFs and pixel size."""
+    """Properties of the scene of a job that the fit of a chain needs: bands, NIR, PSFs and pixel size."""
     optics, psfs = optics_of(job.scene), None
     wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
     if len(wavelengths) == len(job.scene.bands):
@@ -143,8 +143,8 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, halo: int) -> list[Training]:
-    """Read the training tiles, each with a halo [pixel]. If they have more than 2 * `OVERVIEW_PIXELS` pixels, only
-    tiles with about `OVERVIEW_PIXELS` pixels are read, evenly spread, whatever the blocks of the file are.
+    """Read the training tiles, each with a halo [pixel]. If they have more than 600,000 pixels in all, only some of
+    them are read, evenly spread, with about 300,000 pixels. The choice does not depend on the file's blocks.
     """
     places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
@@ -153,13 +153,13 @@ def read_training(job: Job, halo: int) -> list[Training]:
 
 
 def sample_of(training: Sequence[Training]) -> Sample:
-    """Training tiles as the sample to which stages are fitted."""
+    """Make the `Sample` to which stages are fitted from training tiles."""
     states = tuple(State.of(t.block, t.water, (t.outer.row0, t.outer.col0)) for t in training)
     return Sample(states, tuple(t.inside & s.water for t, s in zip(training, states, strict=True)))
 
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
-    """Fit a removal method to `sample`: the training tiles after the stages `chain.before`."""
+    """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`."""
     images = [s.image for s in sample.states]
     if not METHODS[method].neighbours:
         return fit_pointwise(method, job.request, images, sample.inside)
@@ -176,14 +176,14 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
 
 
 def _of_kernels(job: Job) -> FitRequest:
-    """The request for a fit of method `wiener`."""
+    """The request of a job for a fit, with the options for method `wiener`."""
     pixel = pixel_size(job.scene) or 0.0  # unknown sizes are treated like fine ones
     resolved, sparkle = pixel < WAVES_RESOLVED, pixel < COARSE_PIXEL
     return replace(job.request, regression="detrended", resolved=resolved, sparkle=sparkle)
 
 
 def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
-    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel]: openings are too dark
+    """Remove from the samples of tiles the pixels that are nearer to land than `size` [pixel], as openings are too dark
     there. If less than half of the pixels would be left, the samples are not changed.
     """
     inner = [replace(t, sample=t.sample & ~grown(~t.water, 2 * size - 1)) for t in tiles]
@@ -192,7 +192,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit a chain and a removal method to training tiles; if `text` is "off", fit kernels (`wiener`) without stages."""
+    """Fit the chain `text` and a removal method to training tiles. If `text` is "off", fit `wiener` without stages."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
@@ -205,7 +205,7 @@ def fit_training(job: Job, training: Sequence[Training], text: str, method: str)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Try candidates on `TRIED` squares, which are parts of training tiles with large samples, spread evenly."""
+    """Choose a candidate by trials on up to 8 squares, evenly spread parts of training tiles with large samples."""
     parts = [_part_of(t, job.scene) for t in training]
     pixels = sorted(int(p.sample.sum()) for p in parts)
     least = min(AS_LARGE * pixels[-1], pixels[-TRIED:][0])
@@ -225,7 +225,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """The first `TRIED_SIDE` rows and columns of a training tile, with a halo of `TRIED_HALO` pixels."""
+    """The first 128 rows and columns (`TRIED_SIDE`) of a training tile, with a halo of `TRIED_HALO` pixels."""
     part = found.tile.split(TRIED_SIDE)[0]
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)
@@ -234,7 +234,7 @@ def _part_of(found: Training, scene: Scene) -> Training:
 
 
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
-    """Fit a pointwise method to its sample, in batches if there is a tolerance; also returns notes on the sample."""
+    """Fit a pointwise method to its sample, read in batches if there is a tolerance; also return notes for the log."""
     sampler = job.sampler or sampler_of(job)
     tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
     pool = sampler.squares if tolerance else sampler.tiles
@@ -298,7 +298,7 @@ def _read(
 
 
 def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel | None, dict[str, float], float]:
-    """A fit, its relative error in each band, and the effective number of cells; None, {} and 0 if a fit fails."""
+    """Fit a method; return model, relative error of each band and effective number of cells, or None, {} and 0."""
     try:
         model = METHODS[method].fit(job.request, stats)
     except FitError:
@@ -310,7 +310,7 @@ def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel 
 def _reached(
     tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
 ) -> tuple[dict[str, Any], str, list[str]]:
-    """Sidecar entries, log line and warnings on the tolerance of `errors`; `taken` of `whole` pixels were read."""
+    """Sidecar entries, log line, warnings on whether `errors` meet `tolerance`; `taken` of `whole` pixels were read."""
     worst = max(errors.values(), default=0.0)
     met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {
@@ -330,7 +330,7 @@ def _reached(
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
-    """The `Place` of the sample in a tile from the `mask` (row, column) of the sample; outlined if a scene is given."""
+    """The `Place` of the sample in a tile, from its `mask` (row, column); with an outline if `outlined` is a scene."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return None, []
@@ -340,7 +340,7 @@ def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:
 
 
 def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[Place]) -> Sampled:
-    """Sidecar entries and outline of the sample to which a model was fitted; size and position of it are logged."""
+    """Sidecar entries and outline of the sample to which a model was fitted; its size and position are logged."""
     boxes, box = np.array([box for box, _ in places if box is not None]), None
     if len(boxes):
         (top, left), (bottom, right) = boxes[:, :, 0].min(axis=0).tolist(), boxes[:, :, 1].max(axis=0).tolist()
@@ -360,5 +360,5 @@ def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[P
 
 
 def _place(box: Window | None) -> str:
-    """A window as text; "nowhere" without a window."""
+    """A window as text, such as "rows 0-9, columns 0-9"; "nowhere" for None."""
     return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"

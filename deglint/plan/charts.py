@@ -1,4 +1,4 @@
-"""Charts of a day, of a flight line, and of a plan with uncertain wind."""
+"""Charts: the contrast over a day, the glint of flight lines by heading, and a plan under an uncertain wind."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -21,9 +21,9 @@ _ROW = 6  # number of small reticles in a row
 
 
 def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Reticle]) -> Image:
-    """Draw contrast and excluded share over the times of `moments` and, below, a small reticle of each plan.
+    """Draw contrast and share of excluded viewing geometries over time and, below, a small disc for each reticle.
 
-    `plans` holds the reticles of the `selected` times, by the index of the time in `moments`.
+    `moments` are the summaries of all times; `plans` maps an index in `moments`, as from `selected`, to its reticle.
     """
     rows = -(-len(plans) // _ROW)
     canvas = Canvas(WIDTH, 440 + rows * (2 * _SMALL + 74))
@@ -43,7 +43,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Indices in `moments` of at most twelve times with the sun up, evenly spread; the best time is one of them."""
+    """Select at most 12 evenly spaced times with the sun up, the best time included; return their indices."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
@@ -56,7 +56,7 @@ def selected(moments: Sequence[Moment]) -> list[int]:
 
 
 def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
-    """Draw contrast and solar elevation over time as lines, the excluded share as bars, and a star at `best`."""
+    """Draw contrast and solar elevation over time as lines, the excluded share as bars, a star at the time `best`."""
     left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
@@ -107,9 +107,9 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Draw the share of the view in glint for every heading, and the glint across the track for two of them.
+    """Draw the share of the field of view in glint by heading, and the glint across the track for two headings.
 
-    The two are the best and the worst heading. `words` are lines of text above the chart, by default `line.words()`.
+    These are the best and the worst heading. `words` are lines of text above the chart, by default `line.words()`.
     """
     first, *rest = words or [line.words()]
     down = 25.0 * sum(len(draw.wrapped(text, 17, WIDTH - 80)) for text in rest)
@@ -173,7 +173,7 @@ def _profiles(canvas: Canvas, mission: Mission, line: Line, box: tuple[float, fl
 
 
 def wind_picture(found: WindEnsemble) -> Image:
-    """Draw the lowest contrast under any wind; viewing geometries that some or all winds exclude are hatched."""
+    """Draw the lowest contrast of each viewing geometry under all winds; hatch those that some or all winds exclude."""
     good = found.contrast[0]
     some = np.where((found.risk > 0) & (found.risk < 1), 1.0, -1.0)
     always = np.where(found.risk >= 1, 1.0, -1.0)

@@ -1,4 +1,4 @@
-"""A plan as an xarray dataset, as named maps over the viewing geometries, or as plain values for JSON."""
+"""Convert a plan to an xarray dataset, to arrays over the viewing geometries by name, or to values for JSON."""
 
 from typing import Any
 
@@ -34,15 +34,15 @@ _NUMBER_LAYERS = tuple(name for name in BAND_LAYERS if name not in ("clear_of_sk
 
 
 def layer(plan: Reticle, name: str) -> npt.NDArray[Any]:
-    """The values of a layer of `LAYERS`, (zenith, azimuth), or of `BAND_LAYERS`, (band, zenith, azimuth)."""
+    """Array of a plan: (zenith, azimuth) if `name` is in `LAYERS`, (band, zenith, azimuth) if in `BAND_LAYERS`."""
     out_of_water = {"background_radiance": plan.light.background, "object_radiance": plan.light.target}
     return np.asarray(out_of_water[name] if name in out_of_water else getattr(plan, name))
 
 
 def dataset(plan: Reticle) -> Any:
-    """The plan as an `xarray.Dataset` over band, zenith and azimuth, with unit and meaning of each layer.
+    """Convert the plan to an `xarray.Dataset` over band, zenith and azimuth; each variable has a unit and a long name.
 
-    Raises InputError: xarray is not installed.
+    Raises InputError if xarray is not installed.
     """
     try:
         import xarray
@@ -79,7 +79,7 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
-    """Summary of the plan for JSON: mission, sun, best viewing geometry, and radiances and contrasts there."""
+    """Summarise the plan for JSON: mission, sun, and the best viewing geometry with its radiances and contrasts."""
     geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),
@@ -92,13 +92,13 @@ def summary(plan: Reticle) -> dict[str, Any]:
 
 
 def excluded_share(plan: Reticle) -> float:
-    """Share of the solid angle of all viewing geometries that is excluded [1]."""
+    """Share of the viewing geometries that are excluded [1], weighted by solid angle."""
     weight = np.sin(np.radians(plan.zenith))[:, None] + np.zeros(plan.azimuth.size - 1)
     return float(np.average(plan.excluded[:, :-1], weights=weight))
 
 
 def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
-    """Angles, contrast and glint of a viewing geometry, and `_NUMBER_LAYERS` and electrons of each band, for JSON."""
+    """Values of a viewing geometry for JSON: angles, contrast, glint; for each band `_NUMBER_LAYERS` and electrons."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     return {
@@ -122,10 +122,10 @@ def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
 
 
 def document(plan: Reticle) -> dict[str, Any]:
-    """The whole plan for JSON: the summary, and every layer to four significant digits.
+    """Convert a plan to values for JSON: its summary, and its arrays, rounded to four significant digits.
 
-    Radiances and `by_band` are not included. Glint radiance is `glint_strength` times the irradiance "normal", sky
-    radiance is `sky_strength` times the irradiance "diffuse".
+    Radiances and `by_band` are not included. The radiance of glint is `glint_strength` times the irradiance "normal";
+    that of reflected sky is `sky_strength` times the irradiance "diffuse".
     """
     chosen = {**LAYERS, "sky_strength": ("sr-1", "mirrored skylight per diffuse irradiance")}
     chosen |= {n: said for n, said in BAND_LAYERS.items() if not n.endswith("_radiance") and n != "by_band"}

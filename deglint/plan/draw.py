@@ -1,4 +1,4 @@
-"""Draw lines, text and discs into arrays; no plotting library is used, because its import is slow."""
+"""Draw lines, text and discs into RGB arrays; no plotting library is used, because its import is slow."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -14,7 +14,7 @@ Image = npt.NDArray[np.uint8]  # (row, column, 3), the last axis red, green, blu
 Colour = tuple[int, int, int]  # red, green, blue, 0 to 255
 Point = tuple[float, float]  # x to the right, y down, from the upper left corner [pixel]
 Pattern = tuple[npt.NDArray[Any], str, Colour]
-"""A layer (zenith, azimuth), the hatching ("/", "\\" or ".") where the layer is above 0, and its colour."""
+"""An array (zenith, azimuth), the hatching ("/", "\\" or ".") to draw where it is above 0, and its colour."""
 
 INK: Colour = (25, 28, 34)
 GREY: Colour = (105, 112, 122)
@@ -31,14 +31,14 @@ _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
 
 
 class Canvas:
-    """An RGB picture of a width and a height to draw on. Positions (x, y from upper left) and sizes are in pixels."""
+    """An RGB picture to draw on. All sizes are in pixels; points are (x, y) from the upper left corner, y down."""
 
     def __init__(self, width: int, height: int) -> None:
         self.image: Image = np.full((height, width, 3), PAPER, np.uint8)
         self._texts: list[tuple[Point, str, float, Colour, str, bool]] = []
 
     def line(self, points: Sequence[Point], colour: Colour = INK, width: int = 1) -> None:
-        """Draw a line of a width [pixel] through points."""
+        """Draw a line through `points` in their order; `width` is its thickness [pixel]."""
         cv2.polylines(self.image, [_fixed(points)], False, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def area(self, points: Sequence[Point], colour: Colour) -> None:
@@ -46,17 +46,17 @@ class Canvas:
         cv2.fillPoly(self.image, [_fixed(points)], colour, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def circle(self, centre: Point, radius: float, colour: Colour = INK, width: int = 1) -> None:
-        """Draw a circle with a line of a width [pixel]; the width -1 fills the circle."""
+        """Draw a circle; `width` is the thickness of its line [pixel], and -1 fills the circle."""
         (at,) = _fixed([centre])
         size = round(radius * 2**_SUBPIXEL_BITS)
         cv2.circle(self.image, (int(at[0]), int(at[1])), size, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
     def box(self, left: float, top: float, width: float, height: float, colour: Colour) -> None:
-        """Fill a rectangle."""
+        """Fill the rectangle whose upper left corner is (left, top)."""
         self.image[round(top) : round(top + height), round(left) : round(left + width)] = colour
 
     def arrow(self, start: Point, end: Point, colour: Colour = INK, width: int = 2, head: float = 11.0) -> None:
-        """Draw an arrow, a line of a width [pixel], with a filled head of the length `head` [pixel]."""
+        """Draw an arrow; `width` is the thickness of its line, `head` the length of its filled head [pixel]."""
         along = np.subtract(end, start)
         along = along / max(float(np.hypot(*along)), 1e-9)
         side = np.array([-along[1], along[0]]) * head * 0.45
@@ -67,21 +67,21 @@ class Canvas:
     def text(
         self, at: Point, text: str, size: float = 15.0, colour: Colour = INK, *, anchor: str = "la", halo: bool = False
     ) -> None:
-        """Add a line of text, which `finished` draws; `anchor` is as in Pillow, `halo` gives it a white outline."""
+        """Add a line of text, which `finished` draws; `anchor` is as in Pillow, and `halo` adds a white outline."""
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def lines(
         self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *,
         width: float | None = None, anchor: str = "la",
     ) -> float:  # fmt: skip
-        """Add texts, wrapped to `width` if given, in lines `step` apart [pixel]; return y of the next line [pixel]."""
+        """Add lines of text `step` apart [pixel], wrapped to `width` [pixel] if given; return y below them [pixel]."""
         lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
         for k, line in enumerate(lines):
             self.text((at[0], at[1] + k * step), line, size, colour, anchor=anchor)
         return at[1] + len(lines) * step
 
     def finished(self) -> Image:
-        """Draw the texts, and return the picture."""
+        """Draw the texts that were added, and return the picture."""
         picture = Pictures.fromarray(self.image)
         pen = ImageDraw.Draw(picture)
         for at, text, size, colour, anchor, halo in self._texts:
@@ -91,7 +91,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """Lines of a text, wrapped to a width [pixel] in a font of a size [pixel]."""
+    """Split a text at spaces into lines of at most a width [pixel], in a font of a size [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
@@ -103,12 +103,12 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Point of a viewing geometry on a disc, north up, east right; zenith angle `widest` lies at `radius` [pixel]."""
+    """Point of a viewing geometry [degree] on a disc, north up; the zenith angle is `widest` at `radius` [pixel]."""
     return around(centre, radius * zenith / widest, azimuth)
 
 
 def around(centre: Point, distance: float, azimuth: float) -> Point:
-    """The point at a distance [pixel] from the centre in the direction of an azimuth [degree], north up."""
+    """Point at a distance [pixel] from the centre in the direction of an azimuth [degree]; north is up."""
     turn = np.radians(azimuth)
     return centre[0] + distance * float(np.sin(turn)), centre[1] - distance * float(np.cos(turn))
 
@@ -119,21 +119,21 @@ def azimuth_name(azimuth: int) -> str:
 
 
 def palette(share: npt.NDArray[Any]) -> Image:
-    """Colours (..., 3) of numbers 0 to 1 in the colour map viridis, suitable for colour-blind readers."""
+    """Convert numbers 0 to 1 to colours (..., 3) of the colour map viridis, which suits colour-blind readers."""
     return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
 def png(image: Image) -> bytes:
-    """The picture as a PNG file."""
+    """Encode a picture as the bytes of a PNG file."""
     _ok, data = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 4])
     return bytes(data)
 
 
 def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], patterns: Sequence[Pattern] = ()) -> None:
-    """Draw a disc of viewing geometries; the largest zenith angle lies at `radius` [pixel].
+    """Draw a polar map of viewing geometries, north up: zenith angle 0 is at `centre`, the largest at `radius` [pixel].
 
-    `share` (zenith, azimuth) gives the colour, 0 to 1; zenith angles from 0 and azimuths 0 to 360 are in equal steps.
-    Where the layer of a `Pattern` is above 0, the disc has its hatching, on a pale background.
+    `share` (zenith, azimuth) gives the colour, 0 to 1, in equal steps of zenith angle from 0 and of azimuth from 0 to
+    360 degrees. Where the array of a `Pattern` is above 0, its hatching is drawn on a pale background.
     """
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
@@ -157,7 +157,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], pa
 
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
-    """Draw a sample of a hatching ("/", "\\" or ".") for a legend, 28 x 18 pixels."""
+    """Draw a sample of the hatching `pattern` ("/", "\\" or ".") for a legend, 28 x 18 pixels, from (left, top)."""
     fine = np.full((36, 56, 3), GROUND, np.uint8)
     fine[_pattern(pattern, 56)[:36]] = colour
     x, y = round(left), round(top)
@@ -165,7 +165,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Interpolate values (zenith, azimuth) linearly to the oversampled pixels (row, column) of a disc; see `disc`."""
+    """Interpolate values (zenith, azimuth) linearly to the pixels of a disc drawn `_OVERSAMPLING` times larger."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -182,7 +182,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks, True inside a disc: (row, column) of oversampled pixels, and (row, column, 1) of pixels of the picture."""
+    """Masks, True on a disc: (row, column) of `_OVERSAMPLING` times `radius` [pixel]; (row, column, 1) of `radius`."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )
@@ -191,8 +191,8 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Maps for cv2.remap: for each oversampled pixel of a disc, the fractional column (azimuth) and row (zenith angle)
-    in a table of `down` zenith angles by `around` azimuths. `radius` is that of the disc before oversampling [pixel].
+    """Maps for cv2.remap: fractional column (azimuth) and row (zenith angle) of each pixel of a disc in a table of
+    `down` zenith angles by `around` azimuths. The disc has `_OVERSAMPLING` times the given radius [pixel].
     """
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]

@@ -1,7 +1,7 @@
 """The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
 
-A `Mission` has defaults, and rejects values outside the range of the models. It can be made from tables of plain
-values (from a TOML file and the options of the command), and converted to such tables. Options override the file.
+A `Mission` has defaults, and rejects values outside the range of the models. `mission_from` makes one from tables of
+numbers and text, `tables_of` does the opposite, and `merged` lets options of the command override a TOML file.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ class Limits(Checked):
     Attributes
     ----------
     glint : float
-        Largest glint radiance per irradiance of a plane facing the sun [1/sr]. In ocean colour, 1e-4 is moderate glint
-        and 5e-3 is high glint.
+        Largest glint radiance per irradiance of a plane facing the sun [1/sr]. In ocean colour, 1e-4 counts as moderate
+        glint and 5e-3 as high glint.
     glint_probability : float, optional
         Largest share of the sea that may reflect the sun [1]; by default there is no such limit.
     tolerance : float, optional
-        The glint probability counts facets that reflect the sky within this angle of the centre of the sun [degree]; by
-        default the radius of the solar disk.
+        The glint probability is the share of the sea that reflects the sky within this angle of the centre of the sun
+        [degree]. By default, the angle is the radius of the solar disk.
     sky_ratio, sky_probability : float
         A band is excluded where more than the share `sky_probability` [1] of the sea reflects skylight that is brighter
         than `sky_ratio` [1] times the radiance of deep water.
     snr, ner : float
-        Contrast over noise above which the object is detectable in a band [1], and the noise-equivalent radiance
-        [W m-2 sr-1 nm-1], by default computed from the sensor.
+        Contrast over noise above which the object is detectable in a band [1]; noise-equivalent radiance of all bands
+        [W m-2 sr-1 nm-1], which by default is computed from the sensor.
     """
 
     glint: float = ranged(1e-3, 1e-12, 10.0, "1/sr", "1e-3 is the default, 1e-4 strict.")
@@ -66,7 +66,7 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
-    Raises InputError: a value is out of the range of its model, or the sun is down.
+    Raises InputError if a value is out of the range of its model, or if the sun is down.
 
     Attributes
     ----------
@@ -79,17 +79,17 @@ class Mission(Checked):
     wind, wind_from, wind_height : float
         Wind speed [m/s], azimuth from which the wind blows [degree], and height at which it is measured [m].
     air : Air, optional
-        State of the atmosphere. Its field `wind` is ignored: the wind of the mission is used, at 10 m. By default the
-        mean wind is the same, humidity 80 %, water vapour 2.5 cm, visibility 40 km, and ozone climatological for place
-        and day (300 DU without a place).
+        State of the atmosphere. Its field `wind` is ignored: the wind of the mission at 10 m is used. By default, the
+        mean wind has this value, too, humidity is 80 %, water vapour 2.5 cm, visibility 40 km, and ozone has its
+        climatological value for the place and day (300 DU without a place).
     chlorophyll : float
         Chlorophyll of the case-1 water [mg m-3].
     depth, reflectance : float
-        Depth [m] and reflectance [1] of the object.
+        Depth below the surface [m] and reflectance [1] of the object.
     sensor, bands : Sensor, tuple of str
-        The sensor, and the names of its bands to use; all bands if empty.
+        The sensor, and the names of the bands to use; an empty tuple selects all bands.
     slopes, sky : str
-        Slope model, one of `deglint.physics.slopes.MODELS`; sky model, one of `deglint.physics.sky.SKY_MODELS`.
+        Slope model, a key of `deglint.physics.slopes.MODELS`; sky model, one of `deglint.physics.sky.SKY_MODELS`.
     water : {"scattering", "absorption"}
         Model of the light from the object: scattering and absorbing water (Lee et al. 1999), or only absorbing water.
     limits : Limits
@@ -150,12 +150,12 @@ class Mission(Checked):
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """Latitude and longitude [degree]; None where one of them is not given."""
+        """Latitude and longitude [degree]; None if one of them is not given."""
         return None if self.latitude is None or self.longitude is None else (self.latitude, self.longitude)
 
     @property
     def strongest_wind(self) -> float:
-        """Largest wind at `wind_height` for which slope model and atmosphere are valid [m/s]."""
+        """Largest wind speed at `wind_height` for which the models of slopes and atmosphere are valid [m/s]."""
         wanted = slopes.MODELS[self.slopes].height
         at_own = slopes.wind_at_height(slopes.WIND_RANGE[1], measured_at=wanted, wanted_at=self.wind_height)
         at_ten = slopes.wind_at_height(20.0, measured_at=10.0, wanted_at=self.wind_height)
@@ -163,14 +163,14 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time in UTC, to the second; None where the sun is given by angles alone."""
+        """Time of the plan (UTC), by default the current time; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
 
     @cached_property
     def sun(self) -> tuple[float, float]:
-        """Zenith angle and azimuth of the sun [degree]."""
+        """Zenith angle and azimuth of the sun [degree], as given or computed from place and time."""
         if self.sun_zenith is not None and self.sun_azimuth is not None:
             return float(self.sun_zenith), float(self.sun_azimuth) % 360.0
         assert self.place is not None
@@ -179,12 +179,12 @@ class Mission(Checked):
 
     @property
     def day(self) -> float | None:
-        """Day of the year, for the distance of the sun; None where `moment` is None."""
+        """Day of the year, from which the distance of the sun follows; None if `moment` is None."""
         return None if self.moment is None else float(sun.day_of_year(self.moment))
 
     @cached_property
     def weather(self) -> Air:
-        """State of the atmosphere, with the wind of the mission at 10 m."""
+        """State of the atmosphere: `air` or its default, with the wind of the mission converted to a height of 10 m."""
         ten = float(slopes.wind_at_height(self.wind, measured_at=self.wind_height, wanted_at=10.0))
         ten = min(ten, 20.0)  # only rounding can exceed the limit
         if self.air is not None:
@@ -201,12 +201,12 @@ class Mission(Checked):
 
     @property
     def channels(self) -> tuple[SensorBand, ...]:
-        """The selected bands of the sensor."""
+        """The bands of the sensor that the plan uses."""
         return tuple(self.sensor.band(name) for name in self.bands) or self.sensor.bands
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Warnings on the validity of the plan."""
+        """Texts that warn of a wind or a sun elevation for which the models of the plan are less valid."""
         wind, high = f"wind {self.wind:g} m/s: slopes were measured", 90 - self.sun[0]
         known = {
             f"{wind} up to {MEASURED_WIND:g} m/s; foam is left out.": self.wind > MEASURED_WIND,
@@ -216,7 +216,7 @@ class Mission(Checked):
         return tuple(text for text, holds in known.items() if holds)
 
     def coarse(self) -> Mission:
-        """The same mission with a step between viewing geometries of at least `COARSE_STEP`."""
+        """The same mission with a step between viewing geometries of at least `COARSE_STEP` [degree]."""
         return replace(self, step=max(self.step, COARSE_STEP))
 
 
@@ -241,7 +241,7 @@ _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "m
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     """Make a mission from tables {table: {key: value}}; `name` is their source in error messages, such as a file name.
 
-    Raises InputError: a table or key is not known, or a value cannot be used.
+    Raises InputError if a table or key is unknown, or a value cannot be used.
 
     >>> mission_from({"sun": {"zenith": 30, "azimuth": 180}, "wind": {"speed": 7, "from": 310}}).wind
     7.0
@@ -272,7 +272,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
 
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
-    """All parameters of a mission, with defaults, as tables that `mission_from` can read."""
+    """Convert a mission, with its defaults, to tables {table: {key: value}} that `mission_from` can read."""
     out = {
         table: {key: getattr(mission, field) for key, field in keys.items() if field} for table, keys in _TABLES.items()
     }
@@ -290,7 +290,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
-    """Tables `below`, overridden by the values of `above`; angles of the sun replace place and time, and vice versa."""
+    """Merge tables: `above` overrides `below`; angles of the sun in `above` replace place and time, and vice versa."""
     out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
     for table, other in (("sun", "place"), ("place", "sun")):
         if table in above:
@@ -302,9 +302,9 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 
 
 def pressure(value: Any) -> float:
-    """Pressure [hPa] from a number in hPa, or a text such as "29.9 inHg" or "762 mmHg".
+    """Convert a number [hPa], or a text with a unit such as "29.9 inHg" or "762 mmHg", to a pressure [hPa].
 
-    Raises InputError: the value is neither.
+    Raises InputError if the value is neither.
 
     >>> round(pressure("30 inHg"), 1)
     1015.9
@@ -317,7 +317,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Checked values of a table. Raises InputError: a key is not `known`, or a value is no finite number."""
+    """Check and return the values of a table. Raises InputError if a key is not `known` or a number is not finite."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}
@@ -334,7 +334,7 @@ def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str,
 
 
 def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]:
-    """Make a sensor from the table [sensor] and a preset; return also the names of the bands to use (empty: all)."""
+    """Make a sensor from `values`, the table [sensor] of a mission; return it and the bands to use (empty: all)."""
     own, bands = dict(values), values.get("bands", ())
     for key in ("bands", "band"):
         if not isinstance(own.pop(key, []), (list, tuple, str)):

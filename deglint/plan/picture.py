@@ -1,4 +1,4 @@
-"""The plan as a picture: the object at the centre, viewing geometries around it."""
+"""Draw a plan as a disc: the object is at the centre, and each point of the disc is a viewing geometry."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ _HOW = (
 
 
 def picture(plan: Reticle, *, band: str | None = None) -> Image:
-    """Draw the plan of all bands together, or of one band (its name). Raises BandError: there is no such band."""
+    """Draw a plan for all bands together, or for one band (its name). Raises BandError if the plan has no such band."""
     contrast, patterns = layers(plan, band)
     geometry = best_geometry(plan, band=band)
     shown = "all bands together" if band is None else f"band {plan.mission.sensor.band(band).name} alone"
@@ -41,7 +41,7 @@ def picture(plan: Reticle, *, band: str | None = None) -> Image:
 
 
 class Caption(NamedTuple):
-    """Text beside a disc."""
+    """Text beside the disc of a plan."""
 
     shows: str  # what the map shows
     what: str  # sentence that says from where to look
@@ -54,9 +54,9 @@ def page(
     plan: Reticle, share: npt.NDArray[Any], patterns: Sequence[Pattern], geometry: ViewingGeometry | None,
     words: Caption,
 ) -> Image:  # fmt: skip
-    """Draw a disc of viewing geometries with its text; `geometry` is marked as the best.
+    """Draw a disc of viewing geometries with the text `words` beside it, and mark `geometry` as the best one.
 
-    `share` (zenith, azimuth) gives the colour, 0 to 1, `patterns` the hatchings, as in `draw.disc`; `words`: the text.
+    `share` (zenith, azimuth) gives the colour, 0 to 1, and `patterns` the hatchings, as in `draw.disc`.
     """
     canvas = Canvas(WIDTH, HEIGHT)
     sky_disc(canvas, DISC_CENTRE, DISC_RADIUS, plan, share, patterns)
@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """Contrast over noise (zenith, azimuth) of a band or of all; hatchings of low contrast, reflected sky, glint."""
+    """Contrast over noise (zenith, azimuth) of one or all bands; hatchings of low contrast, reflected sky, glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -96,7 +96,7 @@ def sky_disc(
     canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: npt.NDArray[Any],
     patterns: Sequence[Pattern] = (), *, small: bool = False,
 ) -> None:  # fmt: skip
-    """Draw a disc as `draw.disc` does, with rings of zenith angle, a compass rose (not if `small`), and the sun."""
+    """Draw a disc as in `draw.disc`, with rings of equal zenith angle, the sun and, unless `small`, a compass rose."""
     draw.disc(canvas, centre, radius, share, patterns)
     widest = plan.mission.widest
     every = 20 if widest > 40 else 10
@@ -166,7 +166,7 @@ def _best(canvas: Canvas, widest: float, geometry: ViewingGeometry) -> None:
 
 
 def star(canvas: Canvas, at: Point, size: float) -> None:
-    """Draw a star of a radius `size` [pixel], the mark of the best viewing geometry."""
+    """Draw a star, which marks the best viewing geometry; `size` is its radius [pixel]."""
     for reach, colour in ((size * 1.3, PAPER), (size, MAGENTA)):
         canvas.area([around(at, reach * (0.45 if k % 2 else 1.0), 36.0 * k) for k in range(10)], colour)
 
@@ -182,7 +182,7 @@ def _words(canvas: Canvas, plan: Reticle, words: Caption) -> float:
 
 
 def conditions(mission: Mission) -> list[str]:
-    """Lines of text on place and time, sun, and wind of a mission."""
+    """Lines of text that state place and time, sun, and wind of a mission."""
     zenith, azimuth = mission.sun
     sun = f"Sun {90 - zenith:.0f}° high in the {compass(azimuth)} ({azimuth:03.0f}°)"
     blows = mission.wind_from % 360

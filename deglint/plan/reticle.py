@@ -1,8 +1,8 @@
-"""The reticle: light, glint, reflected sky and contrast for every viewing geometry, and excluded geometries.
+"""The reticle: light, glint, reflected sky and contrast for every viewing geometry, and which of these are excluded.
 
-The radiance of a band is the exact mean over steps of 1 nm. The model of the water is a sum of a few spectra, each
-multiplied by a function of the angles, so each spectrum is averaged once for all viewing geometries. Sums do not call
-BLAS, whose threads block each other for seconds on a busy machine.
+The radiance of a band is the mean of its spectrum in steps of 1 nm. The model of the water is a sum of a few spectra,
+each multiplied by a function of the angles, so each spectrum is averaged once for all viewing geometries. Sums do not
+call BLAS, whose threads block each other for seconds on a busy machine.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must
 
 
 class Light:
-    """Mean light in each band, for viewing geometries on a grid of zenith angles and azimuths of the sensor [degree].
+    """Irradiance and water-leaving radiance in each band, for zenith angles and azimuths of the sensor [degree].
 
     Irradiances are (band,) [W m-2 nm-1], radiances (band, zenith, azimuth) [W m-2 sr-1 nm-1]. The model of deep water
     is Lee et al. (2011); beyond its table (sun zenith angle 75, view zenith angle 70 degrees) the coefficients at the
@@ -55,14 +55,14 @@ class Light:
 
 
 class Reticle:
-    """Radiances, contrasts and masks for every viewing geometry.
+    """Radiances, contrasts and masks of a mission for every viewing geometry.
 
     Arrays are (zenith, azimuth) if no other shape is given.
 
     Attributes
     ----------
     mission, light : Mission, Light
-        Parameters of the plan; irradiances and water-leaving radiances.
+        Parameters of the plan; its irradiances and water-leaving radiances.
     bands : tuple of str
         Names of the bands.
     zenith, azimuth : (zenith,) and (azimuth,) ndarray
@@ -83,13 +83,13 @@ class Reticle:
     clear_of_glint : bool ndarray
         True where sun glint is within its limits.
     clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray
-        True where reflected sky is within its limit; True where the contrast over noise exceeds its limit and neither
-        object nor water saturates the sensor.
+        `clear_of_sky` is True where reflected sky is within its limit; `detectable` is True where the contrast over
+        noise exceeds its limit and neither object nor water saturates the sensor.
     excluded : bool ndarray
-        True where no band is usable.
+        True where no band is usable. A band is usable where all three masks above are True.
     by_band, combined : (band, zenith, azimuth) and (zenith, azimuth) ndarray
-        Contrast over noise [1] of each band, 0 where it is not usable (Fink 2014, section 2.7.4); and of all bands
-        together, the root of the sum of squares of `by_band`.
+        `by_band` is the contrast over noise of each band [1], 0 where it is not usable (Fink 2014, section 2.7.4);
+        `combined` is that of all bands together, the root of the sum of the squares of `by_band`.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -129,7 +129,7 @@ class Reticle:
         return f"Reticle({self.mission!r})"
 
     def index(self, band: str) -> int:
-        """Index of a band in the layers. Raises BandError: no such band, or it is not selected in this mission."""
+        """Index of a band on the band axis of the arrays. Raises BandError if the plan does not use this band."""
         name = self.mission.sensor.band(band).name
         if name not in self.bands:
             raise BandError(f"band {name} does not count in this plan; add it to the bands, {', '.join(self.bands)}.")
@@ -140,7 +140,7 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons per pixel (band, zenith, azimuth) by name: background, object, sky, glint (Fink 2014, eq. 2.23)."""
+        """Electrons per pixel (band, zenith, azimuth) from background, object, sky and glint (Fink 2014, eq. 2.23)."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -161,7 +161,7 @@ def reticle(mission: Mission) -> Reticle:
     References
     ----------
     Fink (2014), "Glint avoidance and removal in the maritime environment", Rochester Institute of Technology,
-    chapter 2: eq. 2.22 to 2.31, with the sums over facets in closed form.
+    chapter 2: eq. 2.22 to 2.31; here, the sums over facets of the sea are in closed form.
 
     Examples
     --------
@@ -176,7 +176,7 @@ def reticle(mission: Mission) -> Reticle:
 def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Coefficients a [1] and b [1/sr]: the reflectance over the object is a times that of deep water, plus b.
 
-    Both are (wavelength, zenith); `direct_fraction` is direct divided by total irradiance, (wavelength,) [1].
+    Both are (wavelength, zenith). `sea` is the water; `direct_fraction` (wavelength,) is direct over total irradiance.
     """
     column = Iops(*(np.asarray(part)[:, None] for part in sea))
     angles, albedo = (mission.sun[0], zenith), mission.reflectance
@@ -196,7 +196,7 @@ def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
 
 
 def _noise(mission: Mission, radiance: Floats) -> Floats:
-    """Noise-equivalent radiance for a radiance (band, zenith, azimuth), both [W m-2 sr-1 nm-1]."""
+    """Noise-equivalent radiance of the sensor at a radiance (band, zenith, azimuth), both [W m-2 sr-1 nm-1]."""
     if mission.limits.ner is not None:
         return np.full((len(radiance), 1, 1), mission.limits.ner)
     pairs = zip(radiance, mission.channels, strict=True)
@@ -228,7 +228,7 @@ def best_geometry(
 
     Where possible, no excluded viewing geometry lies within `MARGIN` of the best one. `contrast` (zenith, azimuth) is
     contrast over noise [1], 0 where excluded; by default it is that of `band`, or of all bands together.
-    Raises BandError: there is no such band.
+    Raises BandError if the plan has no such band.
     """
     bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:
@@ -272,7 +272,7 @@ def sentence(geometry: ViewingGeometry | None) -> str:
 
 
 def quality(geometry: ViewingGeometry) -> str:
-    """Text on the contrast and the glint of a viewing geometry, and on excluded viewing geometries near it."""
+    """Text that states contrast and glint of a viewing geometry, and warns if excluded viewing geometries are near."""
     stand = "" if geometry.zenith < 1.0 else f"Stand off {np.tan(np.radians(geometry.zenith)):.2f} x your height. "
     edge = "" if geometry.margin else f" Excluded viewing geometries lie within {MARGIN:g} degrees of it."
     return (
@@ -282,7 +282,7 @@ def quality(geometry: ViewingGeometry) -> str:
 
 
 def one_in(share: float) -> str:
-    """A small share as text: 3.1e-6 is "1 in 320 000"."""
+    """Convert a share [1] to text: 3.1e-6 to "1 in 320 000", but 0.1 to "10 %"."""
     if share < 1e-9:
         return "less than 1 in a billion"
     if share > 0.05:
@@ -303,8 +303,8 @@ def compass(azimuth: float) -> str:
 def _ring(shape: tuple[int, int], widest: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Indices of zenith angle and of azimuth of `_AROUND` points at an angle of `MARGIN` from each viewing geometry.
 
-    Both arrays are (point, zenith, azimuth). `shape` is (zenith, azimuth) of the reticle, `widest` its largest zenith
-    angle [degree]. Points outside the reticle are moved to its edge.
+    Both arrays are (point, zenith, azimuth). `shape` is the number of zenith angles and of azimuths, `widest` the
+    largest zenith angle [degree]. Points outside the reticle are moved to its edge.
     """
     zenith = np.radians(np.linspace(0.0, widest, shape[0]))[:, None]
     azimuth = np.radians(np.linspace(0.0, 360.0, shape[1]))

@@ -1,7 +1,7 @@
 """A local web page with sliders: the plan is redrawn when wind, time, place or depth change.
 
-The server is bound to the loopback address. It rejects requests that name another host, because a foreign web page can
-make a browser send them. The page loads nothing from other servers.
+The server is bound to the loopback address, so only this machine can reach it. It rejects requests that name another
+host, because a foreign web page can make a browser send them. The page loads nothing from other servers.
 """
 
 import base64
@@ -28,7 +28,7 @@ from .reticle import best_geometry, description, reticle
 ADDRESS = "127.0.0.1"  # the loopback address
 SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
            "chlorophyll")  # fmt: skip
-"""Fields of the mission with a slider; the page also changes `visibility`, the `glint` limit, time, sensor and band."""
+"""Fields of `Mission` with a slider; the page also changes visibility, the limit of glint, time, sensor and band."""
 _POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -40,7 +40,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
     """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the values of the mission.
 
     Port 0 selects a free port. `say` is called with each line of text to show, such as the address of the page.
-    Raises InputError: the port is in use.
+    Raises InputError if the port is in use.
     """
     server = make_server(mission, port)
     answer(mission, {})  # loads all modules that a plan needs, so that the first request is fast
@@ -59,7 +59,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
 
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
-    """The server, bound to the loopback address and not yet serving. Raises InputError: the port is in use."""
+    """Make the server, bound to the loopback address but not yet serving. Raises InputError if the port is in use."""
     try:
         return _Server(mission, port)
     except OSError as error:
@@ -72,18 +72,18 @@ class _Server(ThreadingHTTPServer):
         self.mission = mission
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore clients that closed the connection."""
+        """Report an error in a request, but not if the client closed the connection."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Serves the page at GET / and a plan at GET /plan?..."""
+    """Handler of HTTP requests: `GET /` returns the page, `GET /plan?...` a plan as JSON."""
 
     server: _Server
 
     def do_GET(self) -> None:
-        """Answer a request; reject it if it names another host, or comes from a page of another site."""
+        """Answer a GET request; reject it if it names another host or comes from a page of another site."""
         hosts = [f"{host}:{self.server.server_port}" for host in (ADDRESS, "localhost")]
         parts = urlsplit(self.path)
         if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
@@ -113,14 +113,14 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name that the base class gives it)
-        """Do not log single requests."""
+        """Log nothing, whereas the base class logs each request."""
 
 
 def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
-    """The plan for a request: picture (PNG in base64), text, names of bands, and values to show at the mouse pointer.
+    """Compute a plan for the page: picture (PNG in base64), text, names of bands, values to show at the mouse pointer.
 
     `asked` holds the changed values by name, as text; all other values are taken from `base`.
-    Raises InputError or ValueError: a value cannot be used, or the sun is down.
+    Raises InputError or ValueError if a value cannot be used or the sun is down.
     """
     numbers: dict[str, Any] = {name: float(asked[name]) for name in SLIDERS if name in asked}
     limits = replace(base.limits, glint=float(asked.get("glint", base.limits.glint)))
@@ -146,7 +146,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _start(base: Mission) -> dict[str, Any]:
-    """Initial values of the sliders, time, sensor and picture size of the page, for JSON."""
+    """Initial state of the page, for JSON: values of the sliders, time, sensor, and size of the picture."""
     values = {name: getattr(base, name) for name in SLIDERS}
     values |= {"visibility": base.weather.visibility, "glint": base.limits.glint}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]

@@ -17,7 +17,7 @@ from ..physics._checks import Floats
 ZENITHS, AZIMUTHS = 21, 36  # number of zenith angles and azimuths at which the facets are summed
 FACETS, FACET_REACH = 40, 4.5  # facets along and across the wind, and largest slope [standard deviations]
 LEVELS = np.geomspace(2e-3, 2.0, 120)
-"""Reflected radiance per diffuse irradiance [1/sr] at which the share of brighter facets is tabulated."""
+"""Values of reflected radiance per diffuse irradiance [1/sr] for which the share of brighter facets is tabulated."""
 
 
 class Wind(NamedTuple):
@@ -31,8 +31,8 @@ class Wind(NamedTuple):
 class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
-    `sun` is (zenith angle, azimuth), `model` the sky model. Relative to `deglint.physics.sky.reflectance`, which does
-    not interpolate, the error of the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
+    `sun` is (zenith angle, azimuth), `model` the name of the sky model. Relative to `deglint.physics.sky.reflectance`,
+    which does not interpolate, the error of the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
     """
 
     def __init__(
@@ -67,9 +67,9 @@ class Skylight:
 def _carried(
     values: Floats, place: Floats, axis: int, weights: Callable[[Floats], tuple[Floats, ...]], *, periodic: bool = False
 ) -> Floats:
-    """Interpolate values, given at equal steps along an axis, to positions `place` in units of steps.
+    """Interpolate values, given at equal steps along an axis, to the positions `place` [step] on this axis.
 
-    `weights` is `_cubic` or `_linear`; a `periodic` axis wraps around. BLAS is not called, as
+    `weights` is `_cubic` or `_linear`. If `periodic`, the first value follows the last. BLAS is not called, because
     its threads block each other on a busy machine.
     """
     count = values.shape[axis]
@@ -84,16 +84,15 @@ def _carried(
 
 
 def _cubic(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 to 3 for cubic interpolation to positions x (0 to 3), an array for each node."""
+    """Weights of the nodes 0 to 3 for cubic interpolation to positions x (0 to 3): one array for each node."""
     outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
     return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
 
 
 def _linear(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 and 1 for linear interpolation to positions x (0 to 1), an array for each node.
+    """Weights of the nodes 0 and 1 for linear interpolation to positions x (0 to 1): one array for each node.
 
-    It is used for the share of facets brighter than a radiance: unlike cubic interpolation, it never makes this share
-    rise with the radiance.
+    Unlike cubic interpolation, it never makes the share of facets brighter than a radiance rise with this radiance.
     """
     return 1.0 - x, x
 
@@ -101,10 +100,10 @@ def _linear(x: Floats) -> tuple[Floats, ...]:
 def _summed(
     zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Mean reflected skylight (zenith, azimuth) [1/sr], and share of the sea brighter than each of `LEVELS` [1].
+    """Mean skylight reflected per diffuse irradiance [1/sr], and share of the sea [1] brighter than each of `LEVELS`.
 
-    The share is (level, zenith, azimuth). `zeniths` and `turns` are zenith angles and azimuths of the sensor, `sun` is
-    (zenith angle, azimuth) [degree]. All azimuths are relative to the azimuth from which the wind blows.
+    The mean is (zenith, azimuth), the share (level, zenith, azimuth). `zeniths` and `turns` are zenith angles and
+    azimuths of the sensor, `sun` is (zenith angle, azimuth) [degree]. All azimuths are relative to that of the wind.
     """
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
@@ -130,7 +129,7 @@ def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
 
 
 class _Facets:
-    """Facets of the sea: slopes [1], share of the horizontal area [1], vertical component of the unit normal."""
+    """Facets of the sea: slopes [1], share of the horizontal area [1], vertical component of the unit normal [1]."""
 
     def __init__(self, wind: Wind, variances: list[float]) -> None:
         axis = (np.arange(FACETS) + 0.5) * (2.0 * FACET_REACH / FACETS) - FACET_REACH
@@ -147,9 +146,10 @@ class _Facets:
     def seen(
         self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
-        """Share of the sea that each facet covers as the sensor sees it [1], and skylight that it reflects [1/sr].
+        """Share of the sea that each facet covers as the sensor sees it [1], and sky radiance that it reflects [1/sr].
 
-        Both are (azimuth, facet), for one `zenith` angle and the azimuths `turns` of the sensor relative to the wind.
+        Both are (azimuth, facet), for one zenith angle and several azimuths `turns` of the sensor relative to the wind
+        [degree]. The sky radiance is per diffuse irradiance; `to_sun` is a unit vector (upwind, crosswind, up).
         """
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
@@ -168,7 +168,7 @@ class _Facets:
 
 
 def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
-    """Weighted histogram (geometry, level) of `light` (geometry, facet), each weight split between two `LEVELS`."""
+    """Histogram (geometry, level) of `light` (geometry, facet); `weight` is split between the two nearest `LEVELS`."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))
     np.clip(place, 0.0, LEVELS.size - 1.001, out=place)

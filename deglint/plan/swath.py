@@ -1,4 +1,4 @@
-"""A flight line: share of the field of view in glint, and the heading with the least glint.
+"""Flight lines: share of the field of view in glint for each heading, and the heading with the least glint.
 
 If every heading has glint, `alternatives` finds another time to fly, or a tilt of the sensor.
 """
@@ -26,7 +26,7 @@ GAIN = 0.5  # an alternative with glint must have less than this fraction of the
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOfView(Checked):
-    """Field of view of a sensor (one image, or a scan line), its tilt, and its altitude [m].
+    """Field of view of a sensor (of one image, or of a scan line), its tilt, and the altitude of the sensor [m].
 
     `across` and `along` are full angles across and along the track [degree]; `along` is 0 for a line scanner. `pitch`
     (forward positive) and `roll` (to the right positive) tilt the middle of the view away from nadir [degree].
@@ -71,7 +71,7 @@ class Line:
         self.is_recommended = not self.is_any and least <= SPOILT  # whether the best is usable, and better than others
 
     def words(self) -> str:
-        """Text that recommends a heading, or says that any heading, or none, is good."""
+        """Text that recommends a heading, or states that any heading is good, or that none is."""
         where = f"{self.view.across:g} degrees across" + (f" by {self.view.along:g}" if self.view.along else "")
         if self.is_any:
             return f"Any heading will do: no part of the view ({where}) is in glint."
@@ -86,10 +86,10 @@ class Line:
 
 
 def viewing_geometries(view: FieldOfView, heading: npt.ArrayLike) -> tuple[Floats, Floats]:
-    """Viewing geometries of the points in the field of view, for headings (...) [degree].
+    """Viewing geometries of a grid of points in the field of view, for headings (...) [degree].
 
     Returns zenith angles and azimuths of the sensor as seen from the sea, (..., along, across) [degree]. Zenith angles
-    are NaN where a ray misses the Earth.
+    are NaN where the line of sight misses the Earth.
     """
     across = np.radians(np.linspace(-0.5, 0.5, _ACROSS) * view.across)
     along = np.radians(np.linspace(-0.5, 0.5, _ALONG if view.along else 1) * view.along)[:, None]
@@ -116,7 +116,7 @@ class Alternative:
     roll: float  # of the sensor, to the right positive [degree]
 
     def words(self, view: FieldOfView) -> str:
-        """Text of the alternative; `view` is the field of view of the plan."""
+        """Text that recommends the alternative; `view` is the field of view of the plan, without the new tilt."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
@@ -128,11 +128,11 @@ class Alternative:
 
 
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
-    """At most one other time and one other tilt of the sensor with less glint than the flight lines of a mission.
+    """Find at most one other time and one other tilt of the sensor for which a flight line has less glint.
 
     The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
     the share `FREE` of the view is in glint. If there is none, the time (or tilt) with the least glint is selected, if
-    its share is below `GAIN` times that on the best heading of `line`. Empty if `line.is_good`.
+    its share is below `GAIN` times that on the best heading of `line`. The result is empty if `line.is_good`.
     """
     if line.is_good:
         return ()
@@ -141,7 +141,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
 
 def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
-    """Select a time or tilt by the rules of `alternatives`; `tried` yields the nearest time or smallest tilt first."""
+    """Select one of `tried`, or None, as in `alternatives`; the nearest time or the smallest tilt must come first."""
     found = []
     for one in tried:
         if one.fraction <= FREE:
@@ -152,7 +152,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """The best flight line at each time within 12 hours when the sun is up; the nearest time comes first."""
+    """Yield the best flight line for each time within 12 hours when the sun is up; the nearest time comes first."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
@@ -163,7 +163,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """The best flight line for each roll and pitch of `TILTS`; the smallest angle comes first."""
+    """Yield the best flight line for each roll and each pitch in `TILTS`; the smallest angle comes first."""
     for tilt in TILTS:
         if tilt + 0.5 * max(view.across, view.along) < 80.0:
             for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
@@ -177,7 +177,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """Lines of text: the recommended heading, or that any heading or no heading is good; and the alternatives."""
+    """Lines of text that recommend a heading, or state that any or no heading is good; then the alternatives."""
     out = [line.words(), *(one.words(line.view) for one in others)]
     if not line.is_good and not others:
         out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")
@@ -185,7 +185,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Glint for every heading, the best heading, and the alternatives, as values for JSON."""
+    """Values for JSON: mission, field of view, glint for every heading, the best heading, and the alternatives."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

@@ -1,4 +1,4 @@
-"""Plans of a mission at each time of a span, and under each wind of an interval: the best time and geometry."""
+"""Plans of a mission at several times, or under all winds of an interval; the best time and viewing geometry."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +20,7 @@ SPEEDS, TURNS = 5, 7  # number of speeds and of directions in the interval of an
 
 @dataclass(frozen=True)
 class Moment:
-    """Summary of a mission at one time."""
+    """Summary of the plan of a mission at one time."""
 
     time: np.datetime64  # UTC
     sun_zenith: float  # [degree]
@@ -30,9 +30,9 @@ class Moment:
 
 
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
-    """Times (UTC) from start to end, `minutes` apart; the end is included if a step falls on it.
+    """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
-    Raises InputError: the end lies before the start.
+    Raises InputError if the end lies before the start.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
@@ -50,7 +50,7 @@ def highest_sun(latitude: float, longitude: float, when: list[np.datetime64]) ->
 def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.datetime64:
     """First time (UTC), in steps of 10 minutes from `start`, when the sun is at least `DAYLIGHT` degrees high.
 
-    If the sun is never so high within 24 hours: the time when it is highest. `start` is by default the current time.
+    If the sun is not so high within 24 hours, it is the time when the sun is highest. By default, `start` is now.
 
     >>> str(next_daylight(36.8, -122.0, "2026-06-21T05:00Z"))
     '2026-06-21T14:20:00'
@@ -62,9 +62,9 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 
 
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
-    """Summary and reticle of a mission at each of several times (UTC); the reticle is None where the sun is too low.
+    """Yield summary and reticle of a mission at each time in `when` (UTC); the reticle is None if the sun is too low.
 
-    Raises InputError: the mission has no place.
+    Raises InputError if the mission has no place.
     """
     if mission.place is None:
         raise InputError("a sweep over time needs a place: give latitude and longitude, not the sun's angles.")
@@ -84,7 +84,7 @@ def best_moment(moments: Sequence[Moment]) -> Moment | None:
 
 
 def table(moments: list[Moment]) -> list[str]:
-    """Lines of text: titles of the columns, then one line for each time of a sweep."""
+    """Table as lines of text: the titles of the columns, then one line for each time."""
     out = [f"{'UTC':<17}{'sun':>5}{'best viewing geometry':>32}{'x noise':>9}{'glint':>9}{'excluded':>10}"]
     best = best_moment(moments)
     for m in moments:
@@ -101,7 +101,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """Mission, best time, and summaries of all times of a sweep, as values for JSON."""
+    """Values for JSON: the mission, the summary of the best time, and the summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -110,10 +110,10 @@ def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
 
 
 class WindEnsemble:
-    """Glint and contrast of a mission under all winds of an interval.
+    """Glint and contrast of a mission under all winds of an interval, for a wind that is not exactly known.
 
-    The speed is known to plus or minus `speed` [m/s], limited to the range of the models; the direction is known to
-    plus or minus `turn` [degree], 180 for any direction. Raises InputError: a value is out of range.
+    The speed is that of the mission plus or minus `speed` [m/s], within the range of the models; the direction is that
+    of the mission plus or minus `turn` [degree], 180 for any. Raises InputError if one of these is out of range.
     """
 
     def __init__(self, mission: Mission, *, speed: float = 2.0, turn: float = 30.0) -> None:
@@ -142,7 +142,7 @@ class WindEnsemble:
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
 
     def words(self) -> list[str]:
-        """Text: the best viewing geometry, and the intervals of contrast and glint probability there."""
+        """Lines of text on the best viewing geometry, and the intervals of contrast and glint probability there."""
         geometry = self.best
         if geometry is None:
             return ["No viewing geometry is good under all of these winds."]
@@ -155,7 +155,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Winds, intervals at the best viewing geometry, and share of winds that exclude each geometry, for JSON."""
+        """Values for JSON: winds, intervals at the best geometry, share of winds that exclude each viewing geometry."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

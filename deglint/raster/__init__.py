@@ -1,7 +1,7 @@
-"""Raster files: reading and writing of windows, nodata, masks, scale and offset.
+"""Read and write raster files by windows, with their nodata, masks, scales and offsets.
 
-Other modules get pixels as floating point, with NaN where they are not valid. The properties of a file (type, nodata,
-tags, compression) are in `RasterInfo`. rasterio is imported when a file is opened, not before.
+Other modules get pixel values as floating-point numbers, with NaN where a pixel is not valid. `RasterInfo` has the
+properties of a file (type, nodata, tags, compression). rasterio is imported when a file is opened, not before.
 """
 
 from .convert import FlatField

@@ -1,7 +1,7 @@
-"""Conversion of file values to physical values and back: pure functions on arrays.
+"""Convert the values in a file to physical values and back, by pure functions on arrays.
 
-On the way back, values are rounded and clipped to the range of the file's type; masks show which were clipped. Pixels
-that were not corrected are not converted: they keep their bits.
+Physical value = file value * scale + offset. Values for an integer type are rounded, and clipped to its range; masks
+show which ones were clipped. Pixels that were not corrected are not converted, so that no bit of them changes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,21 +19,20 @@ FORGOTTEN = (3.4028e38, 3.40283e38)
 """In floating-point files, numbers with absolute values between these two are not valid: many programs write the
 largest float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
 _CONVERTED_AT_ONCE = 1 << 16
-"""Values of a band that are processed at a time. Whole tiles do not fit into the processor's cache: with them, a
-correction takes a tenth longer."""
+"""Values of a band that are processed at a time. They fit into the CPU cache; whole tiles would take 10 % longer."""
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
-    """Type of physical values, given the file type: float32 for float32 and types of up to 16 bits, else float64."""
+    """Type of the physical values for the file type `dtype`: float32 for float32 and up to 16 bits, else float64."""
     single = np.dtype(np.float32)
     return single if np.result_type(np.dtype(dtype), single) == single else np.dtype(np.float64)
 
 
 def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets: Sequence[float]) -> FloatArray:
-    """Physical values, raw * scale + offset; NaN where not valid, not finite, or the largest float32 or float64.
+    """Convert file values to physical values: raw * scale + offset, or NaN where not valid or not finite.
 
     Arrays are (band, row, column); `valid` is None if all values are valid. `scales` and `offsets` have one entry per
-    band. The type of the result is `physical_dtype`.
+    band. In float files, the largest float32 or float64 is not valid either. The result has the type `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
     for band, rows in slabs(raw.shape):
@@ -52,7 +51,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
 
 
 def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
-    """Yield band and rows of the parts of a (band, row, column) array; each part fits into the processor's cache."""
+    """Cut an array of shape (band, row, column) into parts that fit into the CPU cache; yield band and rows of each."""
     bands, rows, columns = shape
     step = max(1, _CONVERTED_AT_ONCE // max(1, columns))
     for band in range(bands):
@@ -61,9 +60,9 @@ def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
 
 
 def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
-    """Mask (band, row, column) of the values that are not nodata; None if no value is nodata.
+    """Mask (band, row, column), True where a file value in `raw` is not nodata; None if no value is nodata.
 
-    `nodatas` has one entry per band. Entries that are NaN, or that the type cannot hold, are ignored here.
+    `nodatas` has one entry per band. Entries that are NaN, or that the type of `raw` cannot hold, are ignored here.
     """
     valid = None
     for band, nodata in enumerate(nodatas):
@@ -78,7 +77,7 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
 
 
 def _is_endless(values: Raw) -> Valid:
-    """Mask of floating-point values that are infinite, or the largest float32 or float64 of either sign."""
+    """Mask, True where a floating-point value is infinite or, in magnitude, the largest float32 or float64."""
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
@@ -87,7 +86,7 @@ def _is_endless(values: Raw) -> Valid:
 
 
 def holds(dtype: npt.DTypeLike, number: float) -> bool:
-    """Whether an integer type can hold a number without change; always True for floating-point types."""
+    """Whether an integer type can hold a number exactly; for floating-point types always True."""
     if np.dtype(dtype).kind not in "iu":
         return True
     limits = np.iinfo(dtype)
@@ -95,14 +94,14 @@ def holds(dtype: npt.DTypeLike, number: float) -> bool:
 
 
 def same_nodata(a: float | None, b: float | None) -> bool:
-    """Whether two nodata values are the same (NaN is NaN)."""
+    """Whether two nodata values are the same; NaN counts as equal to NaN."""
     return a == b or (a != a and b != b)
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
     """Convert file values to another type; return them and the mask of clipped values (None if none can be clipped).
 
-    For an integer type, values are rounded to the nearest integer and clipped to its range; NaN becomes 0.
+    Values for an integer type are rounded to the nearest integer and clipped to its range; NaN becomes 0.
     """
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
@@ -123,14 +122,14 @@ def encode(
     where: Valid | None = None,
     nodata: float | None = None,
 ) -> tuple[Valid, Valid]:
-    """Write the `physical` values of some bands (0-based) into `raw`, in the type of `raw` and in place.
+    """Convert the physical values of some `bands` (0-based) to file values, and write these into `raw`, in place.
 
-    raw = (physical - offset) / scale, both (band, row, column). Integers are rounded to nearest (ties to even) and
-    clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
-    where `physical` is not finite, nor outside `where` (row, column).
+    raw = (physical - offset) / scale; arrays are (band, row, column), with a scale and an offset per band. Integers are
+    rounded to nearest (ties to even) and clipped to the range of the type. A result that equals `nodata` is moved to
+    the next number. `raw` does not change where `physical` is not finite or `where` (row, column) is False.
 
-    Returns two masks (len(bands), row, column): the negative physical values; and the values that were clipped, or
-    moved because an integer equalled `nodata`.
+    Returns two masks (len(bands), row, column), True where a physical value is negative, and True where a value was
+    clipped, or moved because an integer equalled `nodata`.
     """
     negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
     for i, rows in slabs(negative.shape):
@@ -148,10 +147,10 @@ def encode(
 
 
 def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
-    """Write `put` into `raw` in the type of `raw`, where `good` is True; all are (row, column).
+    """Write the values `put` into `raw`, converted to its type, where `good` is True; all arrays are (row, column).
 
     Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of
-    values that were clipped, and of integers that were moved. `put` may be changed.
+    values that were clipped, and of integers that were moved. The array `put` may be changed, too.
     """
     whole = raw.dtype.kind in "iu"
     outside = np.zeros(raw.shape, np.bool_)
@@ -185,10 +184,11 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Convert file values to the type and nodata of an output; return them, and the mask of clipped valid values.
+    """Convert file values to the type `dtype` and the nodata value of an output.
 
-    Arrays are (band, row, column); the mask is None if none can be clipped. `own` has the nodata of each band in
-    `raw`; further entries are ignored. If the types are the same, the result is `raw`, changed in place.
+    Returns the new values, and the mask of valid values that were clipped; None if none can be clipped. Arrays are
+    (band, row, column). `valid` is the mask of valid values, None if all are. `own` has the nodata of each band of
+    `raw`; further entries are ignored. If `raw` has the type `dtype`, it is changed in place and returned.
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
@@ -203,10 +203,10 @@ def relaid(
 
 @dataclass(frozen=True)
 class FlatField:
-    """Vignetting and row gradient of a capture by a frame camera.
+    """Correction of the vignetting and the row gradient of an image from a frame camera.
 
-    File values are corrected while they are read: black + (value - black) * factor, with one factor per pixel. The
-    result is floating point; the scale and offset of the file are applied to it.
+    File values are corrected while they are read: black + (value - black) * factor, where each pixel has its own
+    factor. The results are floating-point numbers; the scale and offset of the file are then applied to them.
     """
 
     black: float = 0.0  # file value of a pixel that gets no light

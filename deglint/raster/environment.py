@@ -1,9 +1,9 @@
-"""Limits for reading and writing: GDAL's cache, timeouts for servers, and the size of a raster.
+"""Settings of GDAL for reading and writing (cache, timeouts for servers), and limits for the size of a raster.
 
-A small file can declare an arbitrary number of pixels. The limits admit every real mosaic and reject rasters that would
-exhaust the machine; environment variables override them.
+The header of a small file can declare any number of pixels. The limits admit all rasters that occur in practice, and
+reject those that need more memory than a machine has. Environment variables override the limits.
 
-rasterio's settings are per thread: the calling thread and every worker enter their own environment.
+A rasterio environment holds for one thread only: the calling thread and every worker thread enter one of their own.
 """
 
 import os
@@ -35,7 +35,7 @@ MOST_BANDS = 8192  # allowed number of bands of a raster
 
 
 def environment() -> Any:
-    """A rasterio environment with deglint's settings, for one thread."""
+    """Make a rasterio environment (`rasterio.Env`) with deglint's settings, for one thread."""
     import rasterio
 
     waiting = {name: value for name, value in HTTP_PATIENCE.items() if name not in os.environ}
@@ -49,12 +49,12 @@ def environment() -> Any:
 
 
 def enter_thread() -> None:
-    """Enter deglint's rasterio environment in the calling worker thread, until the thread ends."""
+    """Enter a rasterio environment with deglint's settings in the calling worker thread, until the thread ends."""
     environment().__enter__()
 
 
 def check_size(dataset: Any, path: str) -> None:
-    """Raise InputError if the declared size of an open dataset exceeds the limits."""
+    """Raise InputError if the open raster `path` declares too many pixels or bands, or too large blocks."""
     pixels, most = dataset.width * dataset.height, limit("DEGLINT_MAX_PIXELS")
     if pixels > most:
         raise InputError(
@@ -75,7 +75,7 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def limit(name: str) -> int:
-    """Value of a limit: the environment variable called `name` if it is set, else the entry of `READ_LIMITS`."""
+    """Value of the limit `name`: the environment variable of this name if it is set, else the one in `READ_LIMITS`."""
     text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))

@@ -1,6 +1,6 @@
-"""Properties of a raster file that are copied to an output.
+"""Read the properties of a raster file, which are copied to an output.
 
-Opening and describing a file reads its header and tags, never a pixel. Every error is one line, and distinguishes a
+Only the header and the tags of a file are read, never a pixel. Every error message is one line, and distinguishes a
 missing file from one that GDAL cannot read.
 """
 
@@ -45,9 +45,9 @@ _opening = threading.Lock()
 
 @dataclass(frozen=True)
 class RasterInfo:
-    """Properties of a raster without its pixels.
+    """Properties of a raster, without its pixels.
 
-    All tuples except `paths` and `gcps` have one entry per band of the scene: the bands of the file without alpha.
+    All tuples except `paths` and `gcps` have one entry per band of the scene: each band of the file except alpha.
     """
 
     paths: tuple[str, ...]  # GDAL names of what was opened
@@ -86,7 +86,7 @@ class RasterInfo:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The smallest type that can hold the values of every band."""
+        """Smallest numpy type that can hold the values of all bands."""
         return np.result_type(*(np.dtype(d) for d in self.dtypes))
 
     @property
@@ -98,9 +98,9 @@ class RasterInfo:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Ignore the warnings of libraries about a file, such as rasterio's about rasters without georeferencing.
+    """Ignore warnings of libraries about a file, such as rasterio's warning of a raster without georeferencing.
 
-    Only one thread at a time executes the block, as Python's warning filters are global.
+    Only one thread at a time executes the `with` block, because Python's warning filters are global.
     """
     with _opening, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -108,7 +108,7 @@ def quiet() -> Iterator[None]:
 
 
 def open_dataset(path: str) -> Any:
-    """Open a raster for reading; ReadError (one line) if GDAL cannot open it, InputError if it exceeds the limits."""
+    """Open a raster with rasterio. Raises ReadError if GDAL cannot open it, InputError if it exceeds the limits."""
     import rasterio
 
     try:
@@ -136,7 +136,7 @@ def _why_not_opened(path: str, error: Exception) -> str:
 
 
 def _what_instead(path: str) -> str:
-    """Text after "... is not a raster GDAL can read: it": what the file is, judged by its content, and a remedy."""
+    """Text that continues the message "... is not a raster GDAL can read: it": what the file is, and a remedy."""
     place = Path(path)
     try:
         if place.is_dir():
@@ -151,7 +151,7 @@ def _what_instead(path: str) -> str:
 
 
 def remedy(path: str) -> str:
-    """Sentences for a message: a possible cause why a file cannot be read, and a remedy."""
+    """Sentences for an error message: a possible cause why the file `path` cannot be read, and a remedy."""
     if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "
@@ -161,7 +161,7 @@ def remedy(path: str) -> str:
 
 
 def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
-    """Exception classes of rasterio and GDAL, followed by `more`: rasterio passes some of GDAL's errors through."""
+    """Exception classes to catch: those of rasterio, those of GDAL that rasterio does not convert, and `more`."""
     from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioError
 
@@ -169,17 +169,17 @@ def gdal_errors(*more: type[Exception]) -> tuple[type[Exception], ...]:
 
 
 def one_line(error: BaseException) -> str:
-    """First line, without a full stop, of the message of an error, or of its cause if it has one."""
+    """First line, without its full stop, of the message of an error, or of the cause of the error if it has one."""
     text = str(error.__cause__ or error).strip() or type(error).__name__
     return text.splitlines()[0].rstrip(".")
 
 
 def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
-    """Open a file and return its properties; no pixel is read.
+    """Open a raster file and return its properties; no pixel is read.
 
-    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. It becomes a band of
-    the scene with `alpha_is_band`, or if it has a name that does not contain "alpha"; else it is a mask. ReadError if
-    the header is damaged, InputError if there is no usable band or if the transform cannot be inverted.
+    GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band belongs
+    to the scene if `alpha_is_band` is True or if its name lacks "alpha"; otherwise it is a mask. Raises ReadError if
+    the header cannot be read, InputError if there is no usable band or the transform is not invertible.
     """
     try:
         with open_dataset(path) as dataset:
@@ -244,7 +244,7 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 
 def _check_length(dataset: Any, path: str) -> None:
-    """Raise ReadError if a raw file is shorter than its header states: GDAL would return zeros for the rest."""
+    """Raise ReadError if an ENVI or EHdr file is shorter than its header states; GDAL would read the rest as 0."""
     if dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)

@@ -1,9 +1,9 @@
 """Write a raster completely, or not at all.
 
-An output is written to a scratch file in the same directory and moved into place at the end. After an error, a full
-disk or Ctrl-C an existing file is unchanged and no scratch file is left. The output is a tiled GeoTIFF with its header
-before its data: a valid cloud-optimised GeoTIFF (COG). Images of 1,024 pixels or more on the longer side get overviews,
-which are reduced copies of the image, unless the creation option OVERVIEWS is NONE.
+An output is written to a scratch file in the same directory, which is renamed at the end. After an error (such as a
+full disk) or Ctrl-C, an existing file is unchanged and no scratch file is left. The output is a tiled GeoTIFF with its
+header before its data: a valid cloud-optimised GeoTIFF (COG). Images of 1,024 pixels or more on the longer side get
+overviews, which are reduced copies of the image, unless the creation option OVERVIEWS is NONE.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "b
 
 
 def levels(height: int, width: int) -> list[int]:
-    """Reduction factors of an image's overviews, such as [2, 4], from its size [pixel]; empty for a small image."""
+    """Reduction factors of an image's overviews, such as [2, 4], for its size [pixel]; empty for a small image."""
     side = max(height, width)
     count = ((side - 1) // _SMALLEST_OVERVIEW).bit_length() if side >= OVERVIEWS_FROM else 0
     return [2 << k for k in range(count)]
@@ -66,7 +66,7 @@ class Layout:
 
     @property
     def overviews(self) -> bool:
-        """Whether the file gets overviews: `levels` has some for its size, and the option OVERVIEWS is not NONE."""
+        """Whether the file has overviews: the image is large enough (`levels`) and the option OVERVIEWS is not NONE."""
         given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
 
@@ -77,11 +77,11 @@ class Layout:
 
     @property
     def block(self) -> tuple[int, int]:
-        """Rows and columns of a block of the output.
+        """Rows and columns of a block of the output file [pixel].
 
-        The side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, and if it divides
-        `tile` or `tile` spans the image. Otherwise it is replaced by one of `_SIDES`: the smallest that spans the image
-        if `tile` spans it, else the largest that divides `tile`.
+        A side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, provided that it divides
+        the side of `tile` or that `tile` covers the image. Otherwise one of `_SIDES` replaces it: the smallest that
+        covers the image if `tile` covers it, else the largest that divides the side of `tile`.
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
@@ -91,7 +91,7 @@ class Layout:
 
 
 def _block_side(tile: int, size: int, own: int) -> int:
-    """Side of a block [pixel], given the sides of a tile, of the image (`size`) and of the input's blocks (`own`)."""
+    """Side of a block as in `Layout.block`, from those of tile, image (`size`) and input block (`own`) [pixel]."""
     whole = tile >= size  # the tile spans the image, so that a block of any size is written once
     if own % 16 == 0 and 64 <= own <= 1024 and (whole or tile % own == 0):
         return own
@@ -101,10 +101,10 @@ def _block_side(tile: int, size: int, own: int) -> int:
 
 
 class RasterWriter:
-    """Writer of a GeoTIFF, window by window, for one thread.
+    """Write a GeoTIFF window by window, in one thread.
 
-    `path` is the scratch file that is written; messages name `target`, the final file. Use as a context manager: at the
-    end the file is closed and checked; after an error it is only closed.
+    `path` is the scratch file that is written; `target` is the final file, whose name is in error messages. Use the
+    writer as a context manager: at the end the file is closed and checked; after an error it is only closed.
     """
 
     def __init__(self, path: Path, target: Path, layout: Layout) -> None:
@@ -143,12 +143,12 @@ class RasterWriter:
             self._dataset.write(block, window=window)
 
     def write_mask(self, valid: npt.NDArray[np.bool_], window: Window) -> None:
-        """Write the mask (row, column) of the valid pixels of a window, for an output with a mask."""
+        """Write the mask of a window, (row, column), True where a pixel is valid; only if the layout is `masked`."""
         with write_errors(self.target):
             self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
     def close(self) -> None:
-        """Finish the file and check that it is complete."""
+        """Close the file, add overviews if the layout has them, and check that the file is complete."""
         with write_errors(self.target):
             self._dataset.close()
             if self.layout.overviews:
@@ -158,7 +158,7 @@ class RasterWriter:
 
 @contextlib.contextmanager
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Raise InputError at the end of the block if GDAL warned of an unknown or inapplicable creation option."""
+    """Raise InputError at the end of the `with` block if GDAL warned that a creation option cannot be used."""
     said: list[str] = []
 
     def listen(record: logging.LogRecord) -> bool:
@@ -178,7 +178,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path) -> None:
-    """Check at four blocks per band that the file is complete, as GDAL reports no errors when it closes a file."""
+    """Raise WriteError if one of four blocks per band is incomplete; GDAL reports no errors when it closes a file."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
@@ -194,7 +194,7 @@ def _check_whole(path: Path, target: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Content of a GeoTIFF that is written at once: a (band, row, column) array and its metadata."""
+    """Content of a GeoTIFF that is written as a whole: an array (band, row, column) and its metadata."""
 
     array: npt.NDArray[Any]
     meaning: str  # meaning of the values, for the tag MEANING
@@ -205,7 +205,7 @@ class Layer:
     tags: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, path: Path, **options: Any) -> None:
-        """Write the file; `options` are passed to `rasterio.open`."""
+        """Write the layer to the GeoTIFF `path`; `options` are passed to `rasterio.open`."""
         import rasterio
 
         count, height, width = self.array.shape
@@ -226,12 +226,12 @@ class Layer:
 
 
 def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> None:
-    """Add overviews to a closed GeoTIFF, and arrange its blocks for a COG.
+    """Add overviews to a closed GeoTIFF, and store its blocks in the order of a COG.
 
     GDAL appends overviews to the file. A COG needs all headers first, then the blocks of the smallest overview, and the
-    blocks of the image last. GDAL's GTiff driver writes this order when it copies a file; `options` are the creation
-    options of the copy. A pixel of an overview is the mean of the valid image pixels that it covers, or, if `average`
-    is False (for flags), the nearest image pixel.
+    blocks of the image last. GDAL's GTiff driver writes this order when it copies a file, so the file is replaced by a
+    copy; `options` are its creation options. A pixel of an overview is the mean of the valid image pixels that it
+    covers, or, if `average` is False (for flags), the nearest image pixel.
     """
     import rasterio
     from rasterio.enums import Resampling
@@ -250,7 +250,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a `RasterWriter` for each of several images; the keys of both dictionaries are names of images."""
+    """Open a writer for each image in a `with` block; result and `images` (target, layout) have image names as keys."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))
@@ -262,7 +262,7 @@ def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> 
 
 
 def _categories(layout: Layout) -> str:
-    """Names of all values in a raster of flags, as the file .aux.xml that GDAL reads beside the raster."""
+    """Text of the file .aux.xml, from which GDAL reads the names of all values of a raster of flags."""
     kinds = {bit: text.partition(",")[0].partition(" (")[0] for bit, text in layout.flags.items()}
     first = ["; ".join(kind for bit, kind in kinds.items() if value & bit) or "no flag" for value in range(256)]
     others = (tags.get("", {}) for tags in layout.info.band_tags[1 : len(layout.bands)])
@@ -275,23 +275,23 @@ def _categories(layout: Layout) -> str:
 
 
 def write_text(scratch: Scratch, target: Path, text: str) -> None:
-    """Write a small text file in UTF-8."""
+    """Write a text to a scratch file in UTF-8, which is renamed to `target` at the end of the `scratch` block."""
     write_bytes(scratch, target, text.encode())
 
 
 def write_bytes(scratch: Scratch, target: Path, data: bytes) -> None:
-    """Write the bytes of a small file to the scratch file of `target`."""
+    """Write bytes to a scratch file, which is renamed to `target` at the end of the `scratch` block."""
     with write_errors(target):
         scratch.add(target).write_bytes(data)
 
 
 def write_json(scratch: Scratch, target: Path, data: Any) -> None:
-    """Write values to a JSON file; NaN and infinity become null."""
+    """Write data as JSON, in the same way as `write_text`; NaN and infinity become null."""
     write_text(scratch, target, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to numbers, texts, lists and dicts for JSON; NaN and infinity become None."""
+    """Convert a value (also a dict, list or array) to types that JSON has; NaN and infinity become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -331,7 +331,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 
 def _describe(dataset: Any, layout: Layout) -> None:
-    """Write all metadata. This precedes the first pixel, so that the header comes first in the file."""
+    """Write all metadata of the layout, before any pixel is written, so that the header comes first in the file."""
     from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 
@@ -371,7 +371,7 @@ def _tag(dataset: Any, tags: Mapping[str, str], namespace: str, band: int = 0) -
 
 
 def _check_space(directory: Path, target: Path, layout: Layout, profile: Mapping[str, Any]) -> None:
-    """Raise WriteError if the disk lacks space for the pixels; compressed files without overviews are not checked."""
+    """Raise WriteError if the disk lacks space for the pixels. Compressed files without overviews are not checked."""
     packed = str(profile.get("compress", "none")).lower() != "none"
     if packed and not layout.overviews:
         return

@@ -1,8 +1,8 @@
-"""Write what models compute: simulated scenes, and plans.
+"""Write the results of models: simulated scenes, and plans.
 
-A simulated scene is written as GeoTIFFs of the image and of its truth, and a JSON file with all parameters. A plan has
-values for each viewing geometry (zenith and azimuth of the sensor); it is written as a picture (.png), numbers (.json),
-NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif). All files are written together, or not at all.
+A simulated scene is written as GeoTIFFs of the image and of its ground truth, and a JSON file with all parameters. A
+plan has values for each viewing geometry (zenith and azimuth of the sensor); it is written as a picture (.png), numbers
+(.json), NetCDF (.nc) or a GeoTIFF in polar coordinates (.tif). Either all files are written, or none.
 """
 
 import json
@@ -31,10 +31,10 @@ _SIGNED = {"software": f"deglint {__version__}"}
 def write_scene(
     scene: Any, stem: str | Path, *, overwrite: bool = False, truth: bool | Collection[str] = True
 ) -> list[Path]:
-    """Write a simulated scene to ``DIR/NAME.tif``, its truth to ``DIR/NAME_truth.tif`` and so on, and a JSON.
+    """Write a simulated scene: the image ``DIR/NAME.tif``, its ground truth ``DIR/NAME_*.tif``, and ``DIR/NAME.json``.
 
-    `stem` is ``DIR/NAME``. `truth` selects the files of truth: all (True), none (False), or a collection of suffixes
-    such as "_truth_water". Either all files are written or none; their paths are returned.
+    `stem` is ``DIR/NAME``. `truth` selects files of the ground truth: all (True), none (False), or a collection of
+    suffixes such as "_truth_water". Either all files are written or none; their paths are returned.
     """
     base = _base(stem)
     layers = layers_of(scene)
@@ -53,7 +53,7 @@ def write_scene(
 
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Check, before the simulation, that `write_scene` can write to this name."""
+    """Check, before a simulation starts, that `write_scene` can write to the name `stem`; raises WriteError if not."""
     base = _base(stem)
     check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
 
@@ -66,7 +66,7 @@ def _base(stem: str | Path) -> Path:
 
 
 def layers_of(scene: Any) -> dict[str, Layer]:
-    """The image and the truth of a scene as layers, by the suffix of their files ("" for the image)."""
+    """Image and ground truth of a simulated scene: layers, by the suffix of their files ("" for the image)."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
@@ -116,7 +116,7 @@ def _tags(setup: Any) -> dict[str, str]:
 
 
 def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
-    """All parameters of a scene and statistics of each band, for its JSON file; `files` are file names by suffix."""
+    """Content of a scene's JSON file: parameters, statistics of each band, and `files`, the file names by suffix."""
     import scipy
 
     setup, light = scene.setup, scene.light
@@ -152,7 +152,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Check, before any computation, that outputs end in one of `kinds` (".png", ...) and pass `check_targets`."""
+    """Check, before a plan is computed, that outputs end in one of `kinds` (".png", ...) and pass `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")
@@ -160,7 +160,7 @@ def check_plan(
 
 
 def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes], *, overwrite: bool = False) -> None:
-    """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` makes the PNG."""
+    """Write a plan (`deglint.plan.Reticle`) to every target, in the format of its ending; `picture` returns the PNG."""
     from ..plan import dataset
 
     makers: Mapping[str, Callable[[], Content]] = {
@@ -173,7 +173,7 @@ def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes],
 
 
 def write_files(targets: Mapping[Path, Content], *, overwrite: bool = False) -> None:
-    """Write several files, all or none; `targets` has the path and the content of each."""
+    """Write several files: either all, or none. `targets` has the content of each file by its path."""
     with Scratch(overwrite=overwrite) as scratch:
         for target, data in targets.items():
             if isinstance(data, Mapping):
@@ -196,7 +196,7 @@ def _netcdf(data: Any, path: Path) -> None:
 
 
 def _geotiff(plan: Any, path: Path) -> None:
-    """Write one band per layer; columns are azimuths, rows are zenith angles, both in degrees; there is no CRS."""
+    """Write a plan: a band for each of its layers, a row per zenith angle, a column per azimuth [degree]; no CRS."""
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
 
     known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]

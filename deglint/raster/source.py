@@ -1,7 +1,7 @@
-"""Pixels of one raster, or of several on one grid, for any number of threads.
+"""Read the pixels of one raster, or of several on the same grid, in any number of threads.
 
-A `RasterSource` opens its files at the first read. Each reading thread uses its own handle; handles are kept in a pool
-for the next reader and are closed by `close`, or at the end of a `with` block.
+A `RasterSource` opens its files at the first read. Each reading thread uses file handles of its own, which are then
+kept in a pool for the next reader, and are closed by `close` or at the end of a `with` block.
 """
 
 import copy
@@ -37,7 +37,7 @@ class FileBands:
 
     @classmethod
     def of(cls, info: RasterInfo) -> Self:
-        """All bands of the file that `info` describes."""
+        """Make a `FileBands` with all bands, except alpha, of the file that `info` describes."""
         return cls(
             path=info.paths[0],
             indexes=tuple([i for i in range(1, info.count + 2) if i != info.alpha][: info.count]),
@@ -49,7 +49,7 @@ class FileBands:
 
 
 class RasterSource:
-    """Pixels of a scene, from one file or several on one grid; a `deglint.scene.Source`.
+    """Pixels of a scene, read from one file or from several on the same grid; a `deglint.scene.Source`.
 
     `files` are in the order of the scene's bands; `info` has the properties of these bands. A source can be pickled;
     the copy opens the files again.
@@ -65,7 +65,7 @@ class RasterSource:
         self.settled = False  # whether undeclared nodata and offset were searched for in the pixels
 
     def declared(self, info: RasterInfo) -> Self:
-        """A copy of this source with the nodata and offsets of `info`; it is marked as `settled`."""
+        """Copy of this source with the nodata and offsets of `info`; `settled` is True: others are not searched for."""
         left = iter(info.nodatas)
         found = copy.copy(self)
         found.files = tuple(replace(f, nodatas=tuple(islice(left, len(f.indexes)))) for f in self.files)
@@ -73,7 +73,7 @@ class RasterSource:
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle files with absolute paths, as the copy may be used in another folder; other GDAL names are kept."""
+        """Pickle local files by absolute path, as the copy may be used in another folder; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
         return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
 
@@ -84,14 +84,14 @@ class RasterSource:
         self.close()
 
     def close(self) -> None:
-        """Close all handles; later reads raise an error."""
+        """Close all open files; later reads raise ReadError."""
         with self._lock:
             idle, self._idle, self._closed = self._idle, [], True
         for dataset in chain.from_iterable(idle):
             dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Physical values of a window.
+        """Read the physical values of a window.
 
         Parameters
         ----------
@@ -117,16 +117,16 @@ class RasterSource:
         return to_physical(raw, valid, scales, offsets)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
-        """All bands of a window as file values, (band, row, column), and the mask of valid pixels.
+        """Read all bands of a window as file values, (band, row, column), and the mask of valid values.
 
-        Values have the file's type (the smallest common one where bands differ). Validity follows from nodata, mask and
-        alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid here,
-        even if nodata is NaN; `to_physical` makes them NaN. Raises the errors of `read`.
+        Values have the type of the file, or the smallest type that can hold all bands. The mask follows from nodata,
+        mask and alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid
+        here, even if nodata is NaN; `to_physical` makes them NaN. Raises the same errors as `read`.
         """
         return self._read(window, range(self.info.count))
 
     def to_physical(self, raw: Raw, valid: Valid | None = None) -> FloatArray:
-        """Physical values as from `read`, in a new array; the arguments are the two results of `read_raw`."""
+        """Convert the two results of `read_raw` to physical values, as `read` returns them, in a new array."""
         return to_physical(raw, valid, self.info.scales, self.info.offsets)
 
     def _read(self, window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
@@ -149,7 +149,7 @@ class RasterSource:
             raise ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}") from error
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
-        """File values (band, row, column), and their validity from masks, alpha and nodata (None: all valid)."""
+        """Read file values (band, row, column), and their mask from masks, alpha and nodata; None if all are valid."""
         shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
         if 0 in shape:
             return np.empty(shape, self.info.dtype), None
@@ -181,7 +181,7 @@ class RasterSource:
 
     @contextmanager
     def _datasets(self) -> Iterator[list[Any]]:
-        """Open datasets of all files, for one thread; at the end of the block they return to the pool."""
+        """Provide open datasets of all files to one thread; at the end of the `with` block they return to the pool."""
         with self._lock:
             if self._closed:
                 raise ReadError(f"{self.info.paths[0]} was closed. Open the scene again.")
@@ -195,9 +195,9 @@ class RasterSource:
 
 
 class ArraySource(RasterSource):
-    """Pixels of a scene from a (band, row, column) numpy or dask array; reads return copies.
+    """Pixels of a scene from a (band, row, column) numpy or dask array; each read returns a copy.
 
-    Only the requested window of a dask array is computed. `origin`: place (row, column) of the array in the scene.
+    Only the requested window of a dask array is computed. `origin`: position (row, column) of the array in the scene.
     """
 
     def __init__(self, values: Any, info: RasterInfo, origin: tuple[int, int] = (0, 0)) -> None:

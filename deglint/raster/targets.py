@@ -1,12 +1,12 @@
 """Check which output files may be written, and write several files atomically: either all of them, or none.
 
 An output never replaces an input file or a file that GDAL reads with it (nested sources of VRTs included), and replaces
-another existing file only with permission. Files are compared by device and inode, so that links and other spellings
-are recognised; names of files that do not exist are compared after resolution.
+another existing file only if `overwrite` is True. Files are compared by device and inode, so that links and other
+spellings are recognised; names of files that do not exist are compared as resolved paths.
 
 A run writes scratch files in the directory of its outputs and renames them when all are complete. If one cannot be
-renamed, or Ctrl-C comes meanwhile, the earlier ones get their old names again. Scratch files of killed runs are removed
-by the next run with the same output.
+renamed, or after Ctrl-C, those already renamed get their old names again. Scratch files of killed runs are removed by
+the next run with the same output.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit
 
 
 def identity(path: str | Path) -> tuple[int, int] | str:
-    """Identity of a file under any of its names: device and inode, or the resolved name if it does not exist."""
+    """Value that is equal for all names of a file: device and inode, or the resolved path if it does not exist."""
     with contextlib.suppress(OSError, ValueError):
         found = Path(path).stat()
         return found.st_dev, found.st_ino
@@ -43,10 +43,10 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
-    """All files that are read for these names, each once: the names themselves, then the files that belong to them.
+    """All files that are read for some names, each once: first the names, then the files that belong to them.
 
-    Names are GDAL names, folders or text files. For a file in an archive, the archive is added. For names that are not
-    files ("auto", "0,0,10,10") and files that cannot be opened, no further files are added.
+    Names are GDAL names, folders or text files. Files that belong to a name are, for example, the sources of a VRT, or
+    the archive that contains a file. Names that are not files ("auto", "0,0,10,10") or cannot be opened have none.
     """
     given = dict.fromkeys(map(str, names))
     found = {identity(name): name for name in reversed(given)}
@@ -57,7 +57,7 @@ def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
 
 
 def _read_with(name: str) -> Iterator[str]:
-    """Files that GDAL lists for a raster and for the VRTs among its sources, and the archives that contain them."""
+    """Files that GDAL reads for the raster `name` and for VRTs among its sources, and archives that contain them."""
     yield from _local(name)
     waiting, seen = [name, *_local(name)], set[str]()
     while waiting:
@@ -80,7 +80,7 @@ def _read_with(name: str) -> Iterator[str]:
 
 
 def _local(name: str) -> list[str]:
-    """The local file or archive that a GDAL name such as "/vsizip/a.zip/b.tif" refers to; empty for a plain path."""
+    """List of the local file or archive in a GDAL name: a.zip in "/vsizip/a.zip/b.tif"; empty for a plain path."""
     bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
     if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
         return []
@@ -90,8 +90,8 @@ def _local(name: str) -> list[str]:
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
     """Check, before anything is written, that outputs are different files that can and may be written.
 
-    `reads` are all input names of a run, by role; all files behind them are protected, and names that are not files
-    ("auto") are skipped. With `overwrite`, existing files may be replaced, but no input file.
+    `reads` has all input names of a run, by role. No output may replace a file that is read for them (`files_behind`);
+    names that are not files ("auto") are skipped. With `overwrite`, outputs may replace other files.
     """
     taken: dict[tuple[int, int] | str, Path] = {}
     for target in targets:
@@ -108,7 +108,7 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Check that no output replaces an input file, or would be read as part of one."""
+    """Raise InputError if an output would replace an input file, or be read as a part of one (such as its .aux.xml)."""
     held: dict[tuple[int, int] | str, str] = {}
     beside: dict[tuple[int, int] | str, str] = {}
     for what, names in reads.items():
@@ -130,7 +130,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Check that one output can be written; `check_targets` also compares it with the inputs."""
+    """Raise WriteError if one output cannot be written, or exists already and `overwrite` is False."""
     if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
@@ -147,25 +147,25 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 
 
 def check_images(*paths: Path | None) -> None:
-    """Check that the names of GeoTIFFs do not have the ending of another format; None is skipped."""
+    """Raise WriteError if the name of a GeoTIFF has the ending of another format, such as .png; None is skipped."""
     for path in paths:
         if path is not None and path.suffix.lower() in OTHER_FORMATS:
             check_ending(path, "a GeoTIFF", ".tif")
 
 
 def check_ending(path: Path | None, what: str, *endings: str) -> None:
-    """Check that a name, unless it is None, has one of the endings; `what` is the content, for the message."""
+    """Raise WriteError if a name, unless it is None, has none of the endings; the message calls the content `what`."""
     if path is not None and path.suffix.lower() not in endings:
         name = path.with_suffix(endings[0]).name
         raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")
 
 
 class Scratch:
-    """Files that are written together, or not at all.
+    """Write several files together, or none of them.
 
-    Use as a context manager: at the end of the block every scratch file is moved into place; after an error all scratch
-    files are removed. The file added first is moved last: once it is in place, all others are. Existing files are
-    replaced only with `overwrite`.
+    Use it as a context manager: at the end of the block, every scratch file is renamed to its target; after an error
+    all scratch files are removed. The file that was added first is renamed last: once it has its new name, all others
+    have, too. Existing files are replaced only with `overwrite`.
     """
 
     def __init__(self, *, overwrite: bool = True) -> None:
@@ -182,7 +182,7 @@ class Scratch:
         return self._files[target]
 
     def file(self, target: Path) -> Path:
-        """Path of the scratch file of a target that was added."""
+        """Path of the scratch file that `add` made for a target."""
         return self._files[target]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -193,7 +193,7 @@ class Scratch:
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every scratch file to its target; after an error, undo this in reverse order and raise it again."""
+        """Rename every scratch file to its target. After an error, undo this in reverse order and raise the error."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")
@@ -226,7 +226,7 @@ class Scratch:
 
 
 def make_directory(directory: Path, *, parents: bool = False) -> None:
-    """Create a directory for outputs if it is missing; WriteError if that fails."""
+    """Create a directory for outputs if it is missing. Raises WriteError if that fails."""
     try:
         directory.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
@@ -235,7 +235,7 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory against other batches during the block; WriteError if another batch holds the lock."""
+    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock."""
     path = directory / ".deglint-batch.lock"
     with path.open("wb") as file:
         try:
@@ -258,12 +258,12 @@ def claimed(directory: Path) -> Iterator[None]:
 
 
 def _beside(place: Path, ending: str) -> Path:
-    """A new hidden name in the directory of an output (`place`); it contains the number of this process."""
+    """New hidden file name beside the output `place`; it contains the process id and, before the suffix, `ending`."""
     return place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}.{ending}{place.suffix}")
 
 
 def _clear_scratch(place: Path) -> None:
-    """Remove scratch files of an output (`place`) whose processes have ended."""
+    """Remove scratch files of the output `place` that belong to processes which have ended."""
     if sys.platform == "win32":
         return  # os.kill would end the process there
     for path in place.parent.glob(f".{glob.escape(place.name)}.*-*.part*"):
@@ -283,7 +283,7 @@ def _discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Turn errors that occur while `target` is written into WriteError or InputError with one line of text."""
+    """Convert errors in a `with` block that writes `target` to WriteError or InputError with a message of one line."""
     try:
         yield
     except WriteError:

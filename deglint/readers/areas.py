@@ -1,4 +1,4 @@
-"""Areas of a scene: polygons from GeoJSON, masks from rasters, windows of pixels.
+"""Areas of a scene that a user gives as polygons (GeoJSON), as a mask raster or as a window of pixels.
 
 An `Area` gives the mask of its pixels in any window of the scene. A polygon covers the pixels whose centres lie in it.
 """
@@ -36,11 +36,11 @@ class Area:
 
     bounds: Window  # window that contains the area; `open_area` clips it to the scene
     read: Callable[[Window], Mask]  # mask (row, column) of any window, True inside the area
-    note: str = ""  # what was assumed about its CRS
+    note: str = ""  # what was assumed about the CRS of polygons, for the log
 
 
 def window_area(bounds: Window) -> Area:
-    """The area of all pixels in a window."""
+    """The area that consists of all pixels in the window `bounds`."""
     return Area(bounds, partial(_in_window, bounds))
 
 
@@ -54,8 +54,8 @@ def _in_window(bounds: Window, window: Window) -> Mask:
 def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Window, window: Window) -> Mask:
     """Mask (row, column) of `window`, True at pixels whose centres lie in one of the polygons `shapes`.
 
-    `shapes` are in the CRS of the scene, and `transform` is that of the scene. `bounds` is the window of pixels that
-    contains all polygons; pixels outside it are False.
+    `shapes` are GeoJSON polygons in the CRS of the scene, and `transform` is the affine transform of the scene.
+    `bounds` is a window that contains all polygons; the mask is False outside it.
     """
     from rasterio.features import geometry_mask
 
@@ -74,16 +74,16 @@ def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Wi
 
 
 def _in_raster(source: RasterSource, window: Window) -> Mask:
-    """Mask (row, column) of `window`: pixels where a one-band raster on the grid of the scene is valid and nonzero."""
+    """Mask (row, column) of `window`, True where the one band of `source` (on the scene's grid) is valid and not 0."""
     values = source.read(window, [0])[0]
     return np.asarray(np.isfinite(values) & (values != 0))
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area that a user gives as `text`: a GeoJSON file, a mask raster, or a window of pixels.
+    """The area that a user gives as `text`: the name of a GeoJSON file or mask raster, or a window of pixels.
 
-    A window is "column,row,width,height" [pixel], as gdal_translate's -srcwin. `option` is the name of the command-line
-    option, for messages. InputError if the window or the polygons lie outside the scene.
+    A window is written as "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of
+    the command-line option, for messages. Raises InputError if the window or the polygons lie outside the scene.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -110,10 +110,10 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """The area of the polygons in a GeoJSON document; `name`, the name of its file, is for messages.
+    """The area of the polygons in a GeoJSON document; the name of its file, `name`, is used in messages.
 
-    The member `crs` of the document names the CRS of the polygons. Without `crs`, coordinates are longitude, latitude
-    (RFC 7946), or scene coordinates if they exceed 360 or 90. If the scene has no CRS, they are scene coordinates.
+    The document's member `crs` names the CRS of the polygons. Without it, coordinates are longitude and latitude (RFC
+    7946), or in the scene's CRS if any exceeds 360 or 90. For a scene without CRS, they are in the scene's coordinates.
     """
     from rasterio.warp import transform_geom
 
@@ -142,12 +142,12 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
 
 
 def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
-    """x and y of every corner of GeoJSON polygons, (corner, 2)."""
+    """Coordinates x and y of all corners of GeoJSON polygons, as an array (corner, 2)."""
     return np.array([point for shape in shapes for ring in shape["coordinates"] for point in ring], np.float64)
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON polygons around the True pixels of a mask; `origin` is row and column of the mask in the scene."""
+    """GeoJSON outlines (features) of the True pixels of a mask that starts at row and column `origin` of `scene`."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -157,7 +157,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of features in the scene's CRS; its member `crs` names the CRS, as GDAL writes it."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS; the CRS is in its member `crs`, as GDAL writes it."""
     document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:
@@ -172,7 +172,7 @@ def _moved(transform: Any, column: int, row: int) -> Any:
 
 
 def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield type and coordinates of every geometry in a GeoJSON document: in features and collections, too."""
+    """Yield type and coordinates of every geometry in a GeoJSON document, also inside features and collections."""
     waiting = [document]
     while waiting:
         node = waiting.pop()
@@ -185,7 +185,7 @@ def geometries(document: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
-    """Yield polygons of the GeoJSON file `name`, with closed rings of (x, y). InputError: a ring of under 3 corners."""
+    """Yield the polygons (closed rings) of a GeoJSON document (file `name`). Raises InputError if one is not valid."""
     for kind, coordinates in geometries(document):
         several = kind == "MultiPolygon" and isinstance(coordinates, list)
         for polygon in coordinates if several else [coordinates] if kind == "Polygon" else []:
@@ -199,7 +199,7 @@ def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that a GeoJSON document names, by default WGS 84 longitude and latitude; `name` is that of its file."""
+    """The CRS that a GeoJSON document states, by default WGS 84 longitude and latitude; `name` is its file's name."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -224,7 +224,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
 
 
 def middle_of(path: str) -> tuple[float, float]:
-    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file's shapes."""
+    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):

@@ -1,6 +1,6 @@
 """Open an xarray DataArray as a `Scene`: identify its dimensions, bands and georeferencing.
 
-Accepts arrays of rioxarray, odc-stac and stackstac, without importing xarray. Names and wavelengths are as for files.
+Arrays may come from rioxarray, odc-stac or stackstac; xarray is not imported. Bands are identified like those of files.
 """
 
 import re
@@ -28,15 +28,15 @@ _CLOSE = 1e-3  # allowed difference between coordinates and a declared transform
 
 @dataclass(frozen=True, eq=False)
 class ArrayScene:
-    """A scene from a DataArray, and the conversion of results to DataArrays; a lazy (dask) array stays lazy."""
+    """A scene made from a DataArray. Its methods convert results to DataArrays; a lazy (dask) array stays lazy."""
 
     scene: Scene
-    values: Any  # (band, row, column) numpy or dask array
+    values: Any  # numpy or dask array (band, row, column)
     array: Any  # the DataArray that was given
     _ordered: Any  # `array` with the dimensions band (if it has one), rows and columns only, in this order
 
     def like(self, values: Any) -> Any:
-        """A DataArray with these (band, row, column) values, and the dimensions and attributes of `array`."""
+        """A DataArray with `values` (band, row, column), and the dimensions and attributes of the original array."""
         out = self._ordered.copy(data=values if self._ordered.ndim == 3 else values[0])
         further = [d for d in self.array.dims if d not in out.dims]
         found = self.array.copy(data=out.expand_dims(further).transpose(*self.array.dims).data)
@@ -45,7 +45,7 @@ class ArrayScene:
         return found
 
     def plane(self, values: Any, name: str) -> Any:
-        """A DataArray called `name` with these (row, column) values; georeferencing is the only attribute kept."""
+        """A DataArray called `name` with `values` (row, column); of the attributes, only georeferencing is kept."""
         first = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True)
         out = first.copy(data=values)
         out.name = name
@@ -61,12 +61,12 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     ----------
     array : DataArray
         Its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any order;
-        other dimensions, such as time, have the size 1. Wavelengths [um up to 30, else nm] or common names are read
-        from coordinates or attributes.
+        other dimensions, such as time, have the size 1. Wavelengths (in um if at most 30, else in nm) or common names
+        ("red") of the bands are read from coordinates or attributes.
     sensor : str, optional
-        Name of a preset, as in `deglint.open_scene`.
+        Name of a sensor preset or of a .toml file, as in `deglint.open_scene`.
     nodata : float or "none", optional
-        Nodata value (or NaN), which overrides the nodata of the array; "none": every value is valid.
+        Nodata value (or NaN), which overrides that of the array; with "none", every value is valid.
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")
@@ -90,7 +90,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
 
 
 def axes(array: Any) -> tuple[Any, Any, Any]:
-    """Names of the dimensions of rows, columns and bands (None without a dimension of bands)."""
+    """Names of the dimensions of a DataArray for rows, columns and bands; the last is None if there is none."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))
@@ -126,10 +126,10 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
 
 
 def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
-    """Attributes that are lists with one entry per band, reduced to the `count` bands in the array.
+    """Attributes that are lists with one entry per band, reduced to the entries of the `count` bands in the array.
 
-    `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists keep the
-    entries of all bands. If the bands are numbered from 1, as by rioxarray, the numbers select the entries.
+    `band` is the name of the dimension of bands, or None. When bands are selected in xarray, such lists still have the
+    entries of all bands. If the bands are numbered from 1, as rioxarray does, these numbers select the entries.
     """
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
@@ -147,7 +147,7 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
 def _bands(
     array: Any, band: Any, count: int, lists: Mapping[Any, list[Any]]
 ) -> tuple[tuple[str | None, ...], list[dict[str, str]]]:
-    """Names of the bands, and tags of each band, from coordinates along the bands and from `lists` (of `_lists`)."""
+    """Name (or None) and tags of each band, from coordinates along the dimension `band` and `lists` (see `_lists`)."""
     along = {
         str(name): [_plain(v) for v in np.asarray(coord.values).reshape(-1)]
         for name, coord in array.coords.items()
@@ -190,7 +190,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(value: Any) -> str:
-    """An attribute as text for a tag: "{1, 2}" for a list."""
+    """Convert the value of an attribute to text for a tag; a list of 1 and 2 becomes "{1, 2}"."""
     value = _plain(value)
     return "{" + ", ".join(str(_plain(v)) for v in value) + "}" if isinstance(value, (list, tuple)) else str(value)
 
@@ -208,10 +208,10 @@ def _crs(array: Any, grid: Mapping[str, Any]) -> Any:
 
 
 def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> Any:
-    """Affine transform from the coordinates of the dimensions `rows` and `columns` (their names).
+    """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
-    If `grid` (attributes of the grid mapping) or the array declares a transform that agrees with the coordinates, the
-    declared transform is used, as its numbers are exact.
+    If `grid` (the attributes of the grid mapping) or the array declares a transform that agrees with the coordinates,
+    it is used, as its numbers are exact. It is also used if there are no coordinates. None if there is neither.
     """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None

@@ -1,7 +1,7 @@
 """The bands and the sensor of a scene, from tags, names and the preset of the sensor.
 
 Properties in the file are kept; missing ones come from the preset of the sensor, or from a user's file in the format of
-`deglint/sensors.toml`. Bands are matched with those of the preset by name, else by wavelength, else by number.
+`deglint/sensors.toml`. Bands are matched with those of the preset by name, else by wavelength, else by their order.
 """
 
 import re
@@ -44,10 +44,10 @@ _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 
 
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
-    """Bands of a scene, the name of the sensor preset that was used (or None), and notes.
+    """Return the bands of a scene, the name of the sensor preset that was used (or None), and notes for the log.
 
-    `stems` has, for each band in `info`, the name of its file without ending, or "". A band without a name gets that of
-    its file. `sensor` is the preset or .toml file that the user selected.
+    `stems` has, for each band in `info`, the name of its file without extension, or "". A band without a name gets that
+    of its file. `sensor` is the preset or .toml file that the user selected, or None.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -66,7 +66,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A copy of `info` with the names, wavelengths and widths of the bands, so that an output has them, too."""
+    """A copy of `info` with the names, wavelengths and widths of `bands`, so that an output file has them, too."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
@@ -77,9 +77,9 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """Complete the bands from the selected preset; without one, from the preset named in a tag, if that preset fits.
+    """Add missing properties to bands from the preset `sensor`; if it is None, from one that a tag names, if that fits.
 
-    `unnamed` as in `apply_sensor`. Returns the bands, the name of the preset that was used (or None), and notes.
+    `unnamed` is as in `apply_sensor`. Returns the bands, the name of the preset that was used (or None), and notes.
     """
     if sensor is not None:
         asked = sensor_of(sensor)
@@ -99,7 +99,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Fill missing wavelengths from names: unambiguous codes of a sensor, else colours; return the bands, and notes."""
+    """Derive missing wavelengths from band names (codes, else colours), except of `unnamed`; return bands and notes."""
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     letters = spectral.letter_wavelengths([b.name for b in bands])
@@ -117,7 +117,7 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
 
 
 def nominal_pixel(scene: Scene) -> float | None:
-    """Nominal pixel size [m] of the sensor that is stated for a scene, else identified by band names; None: unknown."""
+    """Nominal pixel size [m] of the sensor of a scene, which is stated or follows from band names; None if unknown."""
     sensor = sensor_of(scene.sensor) if scene.sensor else _dialect([b.name for b in scene.bands])
     return positive(sensor.pixel) if sensor else None
 
@@ -125,8 +125,8 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Sentinel-2 is identified by B02 (with the zero), B8A or B12, or by B8 without B5 (in Landsat 8, pan and NIR).
-    Landsat 8 and 9 are identified by SR_B6, which the surface reflectance of Landsat 4 to 7 lacks.
+    Codes like B02 (with the zero), B8A or B12 identify Sentinel-2. So does B8 without B5: in Landsat 8, B8 is the
+    panchromatic band and B5 the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
     """
     plain = [sensors.normalise(n) for n in names]
     codes = {c for n in names if (c := spectral.band_code(n))}
@@ -139,7 +139,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """One name per band: description, else file (`stems`), else colour, else "band N"; 0-based bands without a name."""
+    """Name of each band (its description, file name or colour, else "band N"), and 0-based indexes of unnamed bands."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -164,7 +164,7 @@ def only_numbered(names: Sequence[str]) -> bool:
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Names of bands from names of files with one band: the code ("B08"), else the part that differs between files."""
+    """Derive names of bands from names of one-band files: a code ("B08"), else the part that differs between files."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
     rest = list(stems)
     if len(stems) > 1 and all(stems):
@@ -183,9 +183,9 @@ def short_names(stems: Sequence[str]) -> list[str]:
 def apply_sensor(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[Band], list[str]]:
-    """Fill missing wavelengths, widths, time offsets and groups from a preset; return the bands, and notes.
+    """Add missing wavelengths, widths, time offsets and groups of bands from a preset; return the bands, and notes.
 
-    `unnamed` are the 0-based bands whose name is only a number; they get the name of their band in the preset.
+    `unnamed` has the 0-based indexes of bands that are not named, or only numbered; they get the preset's names.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = []
@@ -206,9 +206,9 @@ def apply_sensor(
 def match(
     bands: Sequence[Band], sensor: Sensor, unnamed: frozenset[int] = frozenset()
 ) -> tuple[list[SensorBand | None], str]:
-    """The preset's band for each band (or None), and by what they were matched ("name", ...), for a note.
+    """Return the preset's band for each band (or None), and the property by which they match ("name", ...), for a note.
 
-    `unnamed` as in `apply_sensor`. BandError if the preset does not fit.
+    `unnamed` is as in `apply_sensor`. Raises BandError if the preset does not fit the bands.
     """
     by_name = _unique([None if i in unnamed else named_in(b.name, sensor) for i, b in enumerate(bands)])
     if any(by_name):
@@ -242,7 +242,7 @@ def _why_not(bands: Sequence[Band], sensor: Sensor, product: Sequence[SensorBand
 
 
 def named_in(name: str, sensor: Sensor) -> SensorBand | None:
-    """The band of a preset with this name, alias (a prefix such as "sr_" is ignored) or code; None without a match."""
+    """The band of a preset with this name, alias or code (a prefix such as "sr_" is ignored); None without a match."""
     if answers := [b for wanted in (name, spectral.plain_name(name)) for b in sensor.bands if b.answers_to(wanted)]:
         return answers[0]
     code = spectral.band_code(name)
@@ -261,7 +261,7 @@ def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
 
 
 def sensor_of(name: str) -> Sensor:
-    """The preset called `name`, or the sensor in the ``.toml`` file called `name`; InputError if it is not valid."""
+    """The preset called `name`, or the sensor in the .toml file `name`. Raises InputError if it is not valid."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
     document = read_toml(name, "--sensor")
@@ -292,7 +292,7 @@ class KnownOptics:
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:
-    """Optics from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, or from the preset; None if unknown."""
+    """Optics of a scene from its tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else its preset; None if unknown."""
     info: RasterInfo | None = getattr(scene.source, "info", None)
     spaces = [] if info is None else info.tags.values()
     tags = {k.upper(): v for part in spaces for k, v in part.items()}

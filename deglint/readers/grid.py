@@ -1,7 +1,7 @@
-"""The grid of pixels: the size of pixels on the ground, and several files on one grid.
+"""Put several files on one grid of pixels, and compute the size of pixels on the ground.
 
 The grid of several files is that of the file with the smallest pixels, or of a selected file. Files on other grids are
-resampled while they are read, in their own type: bilinear if their pixels are larger, by averaging if they are smaller.
+resampled while they are read, in their data type: bilinearly if their pixels are larger, by averaging if smaller.
 """
 
 import math
@@ -19,7 +19,7 @@ from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
-_OFF = 0.01  # grids whose corners differ by less than this are the same [pixel]
+_OFF = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
 _TRUE = 0.01  # largest relative error of lengths in a map projection that is neglected; UTM has at most 0.001
 
@@ -27,7 +27,7 @@ _TRUE = 0.01  # largest relative error of lengths in a map projection that is ne
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """Put files on one grid: return a `FileBands` for each, the description of the file with that grid, and notes.
 
-    `grid` is "finest" (the default), or selects a file by its 1-based number, its name or the end of its name.
+    `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, its name or the end of it.
     """
     sizes = {(i.height, i.width) for i in infos}
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
@@ -63,7 +63,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
 
 def _called(info: RasterInfo) -> str:
-    """Name of a file for notes; for a file of a product with one band, the name of the band."""
+    """Name of a file for use in notes; for a one-band file of a product, it is the name of the band."""
     named = info.count == 1 and "product" in info.tags.get("", {})
     return str(info.descriptions[0] if named else info.paths[0])
 
@@ -91,7 +91,7 @@ def _transform(info: RasterInfo | Scene) -> Any:
 
 
 def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
-    """Bounds (left, bottom, right, top) of a file, and area of one of its pixels, in the CRS of the file `first`."""
+    """Bounds (left, bottom, right, top) of a file, and the area of one of its pixels, in the CRS of file `first`."""
     transform = _transform(info)
     xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
@@ -123,13 +123,13 @@ def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
 
 
 def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
-    """Apply an affine transform to x and y, numbers or arrays; the operator * differs between versions of affine."""
-    t = transform
+    """Apply an affine transform to x and y (numbers or arrays); return the transformed x and y."""
+    t = transform  # its operator * is not used, as it differs between versions of affine
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads classes on the grid of `grid`, by nearest neighbour; `nodata` overrides that in the file."""
+    """Source of the file `info` on the grid of `grid`, by nearest neighbour; `nodata` replaces the file's nodata."""
     if nodata is not None:
         info = replace(info, nodatas=(nodata,) * info.count)
     file = FileBands.of(info) if same_grid(info, grid) else _warped(info, grid, how="nearest")
@@ -138,9 +138,9 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
-    """Source of the detector number of each pixel, on the grid of the scene; NaN for pixels without a detector.
+    """Source of the number of the detector that took each pixel, on the grid of `grid`; NaN if there is none.
 
-    `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. In products since baseline 04.00
+    `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
     """
     each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
@@ -150,7 +150,7 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
 
 
 def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
-    """The bands of a file, resampled to the grid of `reference` while they are read; `how`: a method of GDAL."""
+    """The bands of a file, resampled at reading to the grid of `reference` by the method `how` of GDAL ("average")."""
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
@@ -180,8 +180,8 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> Fil
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
     """Sides of the central pixel of a raster on the ground [m]: along a row, and along a column.
 
-    They are distances on the ellipsoid, as coordinates may be degrees, and the metres of web Mercator are too long by
-    1 / cos(latitude). `height` and `width` are the size of the raster [pixel]. None without a valid CRS and transform.
+    They are distances on the ellipsoid: coordinates may be in degrees, and the metres of web Mercator are too long by
+    the factor 1 / cos(latitude). `height`, `width`: size of the raster [pixel]. None without a valid CRS and transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -206,7 +206,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel on the ground [m]: from georeferencing, the tag GSD_M, or the sensor; None if unknown."""
+    """Mean side of a pixel [m] on the ground: from georeferencing, else tag GSD_M, else sensor; None if unknown."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}
@@ -216,7 +216,7 @@ def pixel_size(scene: Scene) -> float | None:
 
 
 def ground_area(transform: Any, crs: Any, height: int, width: int) -> float | None:
-    """Area of the central pixel on the ground [m2], for any angle of rows to columns; None if `ground_size` is None."""
+    """Area [m2] of the central pixel of a raster on the ground, also if pixels are not rectangles; None if unknown."""
     sides = ground_size(transform, crs, height, width)
     if sides is None:
         return None

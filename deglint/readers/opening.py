@@ -29,12 +29,12 @@ Path = str | os.PathLike[str]
 Names = str | Sequence[str]
 Numbers = str | float | Sequence[float]
 Given = Mapping[str, tuple[Any, ...]]
-"""Properties of bands that the user gives, by option of `open_scene`: a value per band, or none. A single scale or
-offset is for all bands."""
+"""For each option of `open_scene` with properties of bands, the values that the user gives: one per band, or none. A
+single scale or offset is for all bands."""
 
 
 class BandProperties(TypedDict, total=False):
-    """Properties of all bands that a user may give to `open_scene`, which describes them."""
+    """Keyword arguments of `open_scene` that give properties of all bands; they are described there."""
 
     bands: Names | None
     wavelengths: Numbers | None
@@ -57,20 +57,20 @@ def open_scene(
     Parameters
     ----------
     path : str, path or sequence of them
-        GDAL names, products (a folder, an archive or a metadata file), or STAC Items (a file or URL), which stand for
-        their bands. Bands of several files are stacked in the order given, on one grid; larger pixels are resampled
-        bilinearly, smaller ones are averaged, in the type of their file.
+        GDAL names, products (a folder, an archive or a metadata file), or STAC Items (a file or URL), from which the
+        bands are taken. Bands of several files are stacked in the order given, on one grid; larger pixels are resampled
+        bilinearly, smaller ones are averaged, in the data type of their file.
     sensor : str, optional
-        Name of a preset (`deglint.sensors.names`) or of a .toml file, which supplies the properties of bands that the
-        file does not state. By default, the preset named in a tag of the file, if it fits the bands.
+        Name of a sensor preset (`deglint.sensors.names`) or of a .toml file, which supplies the properties of bands
+        that the file does not state. By default, the preset named in a tag of the file, if it fits the bands.
     nir : str, int or sequence, optional
-        Near-infrared band(s) as in `find_nir`; they are checked, and recorded in `Scene.notes`.
+        Near-infrared band(s), as `wanted` in `find_nir`; they are checked, and recorded in `Scene.notes`.
     nodata : float or "none", optional
-        File value (or NaN) of pixels that are not valid, in all bands; "none": every value is data.
+        File value (or NaN) of pixels that are not valid, in all bands; with "none", every value is data.
     grid : str or int, optional
-        The file whose grid is used: "finest" (the smallest pixels, the default), or a 1-based number or a name.
+        The file whose grid is used: "finest" (the smallest pixels, the default), its 1-based number, or its name.
     bands, wavelengths : str or sequence, optional
-        Name ("blue,green,red,nir") and centre [nm, or um up to 30] of every band, in order.
+        Name ("blue,green,red,nir") and centre wavelength [nm] of every band, in order; numbers up to 30 are in um.
     scale, offset : float or sequence of float, optional
         One number, or one for each band: physical value = file value * scale + offset. `nodata`, `bands`,
         `wavelengths`, `scale` and `offset` override the properties in the files.
@@ -78,13 +78,13 @@ def open_scene(
     Returns
     -------
     Scene
-        Its `source` is a `RasterSource`; `source.info` describes the file, `source.close()` closes it.
+        Its `source` is a `RasterSource`: `source.info` describes the file, and `source.close()` closes it.
 
     Raises
     ------
     ReadError, InputError, BandError
-        ReadError: GDAL cannot read a file. InputError: a file has no bands, or has complex numbers; files do not
-        overlap; or an option is out of range. BandError: a preset or near-infrared band does not fit the bands.
+        ReadError if GDAL cannot read a file. InputError if a file has no bands or has complex numbers, if files do not
+        overlap, or if an option is not valid. BandError if a preset or near-infrared band does not fit the bands.
 
     Examples
     --------
@@ -142,10 +142,10 @@ def _stacked(
 
 
 def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str], count: int) -> RasterInfo:
-    """Describe a file; its alpha band is kept as a band of the scene, or left out with a note.
+    """Describe a file. Its alpha band becomes a band of the scene, or is left out, with a line in `notes`.
 
-    The alpha band is kept if the user selects it as `nir`, or if only with this band the number of bands is `count` (of
-    the names or wavelengths that the user gives, 0 without) or fits the preset `sensor`.
+    It becomes a band if the user selects it as `nir`, or if it is needed to reach the number of names or wavelengths
+    that the user gives (`count`, 0 if none) or the number of bands of a product of the preset `sensor`.
     """
     info = describe_file(path)
     if info.alpha is None:
@@ -164,8 +164,8 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
 def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) -> RasterInfo:
     """A copy of `info` with the nodata to use for each band.
 
-    `nodata` is used for all bands if given; a text ("none") means no nodata. Otherwise the nodata of the file is kept,
-    or dropped, with a line in `notes`, where the type of a band cannot hold it. InputError if it cannot hold `nodata`.
+    If given, `nodata` is used for all bands; a text ("none") means no nodata. Else the file's nodata is kept, except in
+    a band whose type cannot hold it, which a line in `notes` reports. Raises InputError if a type cannot hold `nodata`.
     """
     if nodata is not None:
         given = None if isinstance(nodata, str) else float(nodata)
@@ -183,7 +183,7 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
 
 
 def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
-    """One description of all files: their bands in order, with the grid and format of the file `reference`."""
+    """Join descriptions of files into one with all bands in order, and with the grid and format of `reference`."""
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
@@ -195,12 +195,12 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
 
 
 def _stem(info: RasterInfo) -> str:
-    """Name of a file with one band, without folder and ending; "" for other files."""
+    """Name of a file with one band, without folder and extension; "" for a file with several bands."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 
 
 def _given(given: BandProperties) -> Given:
-    """Parse and check the options of `open_scene` that override properties in the files."""
+    """Parse and check the options of `open_scene` that override properties in the files (see `Given`)."""
     waves = _numbers("wavelengths", given.get("wavelengths"), "475,560,668,842")
     return {
         "bands": _names(given.get("bands")),
@@ -211,7 +211,7 @@ def _given(given: BandProperties) -> Given:
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
-    """A copy of `info` with the properties that the user gives; InputError if there is not one value per band."""
+    """A copy of `info` with the properties that the user gives. Raises InputError unless there is one per band."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
     for option, values in every.items():

@@ -1,4 +1,4 @@
-"""Roles of the bands: the near infrared that shows glint, and blue, green, red and shortwave infrared.
+"""Roles of the bands: near infrared (NIR), which shows glint, blue, green, red and shortwave infrared (SWIR).
 
 The role of a band follows from its wavelength, else from its name, not from its position in the file.
 """
@@ -29,20 +29,20 @@ _ROLES = {
 
 
 def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
-    """0-based indexes of the near-infrared band(s).
+    """Find the near-infrared band(s) of a scene.
 
     Parameters
     ----------
     scene : Scene
     wanted : str, int or sequence, optional
-        Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"); "nir" and "swir" select the matching band. By default
-        the band nearest to 842 nm, inside 750-900 nm if there is one, else inside 900-1050 nm. A red-edge or shortwave
-        infrared band is used only if it is selected.
+        Bands by name or by 1-based number ("8A", 8, "NIR1,NIR2"), or by role ("nir", "swir"; see `band_roles`). By
+        default, the band nearest to 842 nm inside 750-900 nm; if there is none, that inside 900-1050 nm. A red-edge or
+        shortwave-infrared band is used only if it is selected.
 
     Returns
     -------
     tuple of int
-        In the order of `wanted`.
+        0-based indexes of the bands, in the order of `wanted`.
 
     Raises
     ------
@@ -56,20 +56,20 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
 
 
 def explain_nir(scene: Scene, wanted: Wanted | None = None) -> str:
-    """One line for the log: which band `find_nir` selects, and why."""
+    """One line for the log that says which bands `find_nir` selects, and why."""
     return _choose(scene, wanted)[1]
 
 
 def band_roles(scene: Scene) -> dict[str, int | None]:
-    """0-based index of the blue, green, red, nir and swir band, or None if there is none.
+    """For each role ("blue", "green", "red", "nir", "swir"), the 0-based index of its band, or None without one.
 
-    swir: nearest to 1610 nm inside 1500-1800 nm, else to 2200 nm inside 2000-2400 nm. A band has at most one role.
+    SWIR is the band nearest to 1610 nm in 1500-1800 nm, else to 2200 nm in 2000-2400 nm. A band has at most one role.
     """
     return {role: _by_role(scene, role) for role in _ROLES}
 
 
 def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
-    """0-based indexes of the near-infrared bands, and a line that says why."""
+    """0-based indexes of the near-infrared bands, and a line that says why; `wanted` as in `find_nir`."""
     if wanted is None:
         index = _by_role(scene, "nir")
         if index is None:
@@ -86,7 +86,7 @@ def _choose(scene: Scene, wanted: Wanted | None) -> tuple[tuple[int, ...], str]:
 
 
 def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
-    """Warnings on bands that the user selected as NIR, as text; BandError for visible bands."""
+    """Warnings, as text, about bands that the user selected as NIR. Raises BandError for visible bands."""
     known = _wavelengths(scene)
     for i in indexes:
         if (known[i] or _WATER) < _WATER:
@@ -106,7 +106,7 @@ def _doubts(scene: Scene, indexes: Sequence[int]) -> str:
 
 
 def _no_nir(scene: Scene) -> str:
-    """Error message for a scene without a near-infrared band: the reason, and a remedy."""
+    """Error message for a scene without a near-infrared band, with the reason and a remedy."""
     what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
     alpha = getattr(getattr(scene.source, "info", None), "alpha", None)  # 1-based band of the file
     example = _example_of(scene, hidden=alpha is not None)
@@ -128,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for `--bands`; names are kept if wavelengths are known. `hidden`: "nir" is added for the alpha band."""
+    """Example for the option --bands: names with known wavelengths are kept; `hidden` adds "nir" for the alpha band."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)
@@ -158,8 +158,7 @@ def split_wanted(wanted: Wanted) -> list[str | int]:
 def find_band(scene: Scene, wanted: str | int) -> int:
     """0-based index of a band selected by name, by 1-based number, or as "nir", "swir", "red", ...
 
-    A name takes precedence over a number. "8A" also selects "B8A" and "b_8a"; "B2" also selects "B02" and "SR_B2".
-    BandError if there is no such band.
+    A name takes precedence over a number. "8A" also selects "B8A"; "B2" also "SR_B02". Raises BandError if not found.
     """
     (item,) = split_wanted(wanted) if not isinstance(wanted, str) else (wanted,)
     text = normalise(str(item))
@@ -181,9 +180,10 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 
 
 def _by_role(scene: Scene, role: str) -> int | None:
-    """0-based index of the band with a role: nearest to the preferred wavelength, in the first range with a band.
+    """0-based index of the band with a role (a key of `_ROLES`), or None.
 
-    Names are asked last: "depth Green" beside a green band is a product.
+    It is the band nearest to the preferred wavelength, in the first range of the role that contains a band. Wavelengths
+    from names are used last: "depth Green" beside a green band is not a band of the sensor.
     """
     for waves in ([b.wavelength for b in scene.bands], _wavelengths(scene)):
         for (low, high), centre in _ROLES.get(role, ()):

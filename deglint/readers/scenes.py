@@ -1,7 +1,7 @@
-"""From names to scenes: the files of a STAC Item, and the scenes of a batch.
+"""Find the files and bands of STAC Items, and list the scenes of a batch (a command that processes many scenes).
 
-The name of an Item can replace the name of a raster: a local file or a URL, "FILE#ID" for an Item of an ItemCollection,
-and "FILE#ID#KEY,KEY" for some of its assets. A batch takes names, patterns, a CSV or STAC collections.
+An Item can be named instead of a raster, by a local file or URL, by "FILE#ID" if FILE is an ItemCollection, and by
+"FILE#ID#KEY,KEY" to select some of its assets. A batch takes names of files, patterns, a CSV or STAC collections.
 """
 
 import csv
@@ -29,7 +29,7 @@ _MAGIC = re.compile(r"[*?\[]")
 _RASTER = re.compile(r"image/|application/x-hdf|application/.*netcdf|application/(?:x-)?(?:zip|tar)", re.IGNORECASE)
 _NAME = re.compile(r"(.+\.(?:geo)?json|https?://[^#]+/items/[^#]+)(?:#([^#]*))?(?:#([^#]*))?", re.IGNORECASE)
 _NO_DATA = {"thumbnail", "overview", "visual", "metadata", "rendered_preview", "preview", "tilejson"}
-"""Roles and keys of assets that are pictures or documents, not bands."""
+"""Roles and keys of assets that are pictures or documents, not bands of the scene."""
 _NOT_BANDS = {"pan", "lwir", "lwir11", "lwir12"}
 """Common names of bands that are not used: panchromatic (its finer grid would apply to all bands) and thermal."""
 _STAC_PATIENCE = 60.0  # timeout of a server that sends Items [s]
@@ -37,14 +37,14 @@ _STAC_PATIENCE = 60.0  # timeout of a server that sends Items [s]
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, and the properties of its bands in a STAC Item; `bands` and `tags` are empty without an Item."""
+    """A file, and what a STAC Item says about its bands; `bands` and `tags` are empty for a file without Item."""
 
     path: str  # GDAL name
     bands: tuple[ProductBand, ...] = ()
-    tags: Mapping[str, str] = field(default_factory=dict)  # of the Item: date, angles
+    tags: Mapping[str, str] = field(default_factory=dict)  # tags from the Item: date, angles
 
     def put_on(self, info: RasterInfo) -> RasterInfo:
-        """A copy of a file's description with the Item's properties, as by `filled`; `info` if band counts differ."""
+        """A copy of `info` with the Item's properties; `info` itself if the Item has another number of bands."""
         if len(self.bands) != info.count:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
@@ -52,7 +52,7 @@ class Asset:
 
 
 def assets_of(name: str) -> list[Asset]:
-    """The files that a name stands for: the assets of a STAC Item that are its bands, or the file itself."""
+    """The files that a name stands for: the assets of a STAC Item that contain its bands, or the file itself."""
     found = _NAME.fullmatch(name)
     if found is None or products.name_of(name) is not None:  # a product may have its metadata in JSON
         return [Asset(name)]
@@ -66,7 +66,7 @@ def assets_of(name: str) -> list[Asset]:
 
 
 def files_of(name: str) -> tuple[str, ...]:
-    """GDAL names of all files that a name stands for: a STAC Item and the files of its bands, or files of a product.
+    """GDAL names of all files that a name stands for: a STAC Item and the files of its bands, or a product's files.
 
     If the name is neither a STAC Item nor a product, or cannot be read, the result is the name itself.
     """
@@ -79,7 +79,7 @@ def files_of(name: str) -> tuple[str, ...]:
 
 
 def read_document(path: str) -> Mapping[str, Any]:
-    """The JSON object in a local file or at a URL; ReadError or InputError if there is none."""
+    """Read the JSON object in a local file or at a URL. Raises ReadError or InputError if this fails."""
     return _fetched(path) if re.match(r"https?://", path, re.IGNORECASE) else read_json(path, "STAC")
 
 
@@ -101,7 +101,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
 
 
 def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
-    """The Items in a document, which is an ItemCollection or one Item; InputError for anything else."""
+    """The Items in a document, which is a STAC ItemCollection or Item. Raises InputError for anything else."""
     found = document.get("features") if document.get("type") == "FeatureCollection" else [document]
     items = found if isinstance(found, list) else []
     for i, item in enumerate(items, start=1):
@@ -114,7 +114,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets of an Item that are its bands: those with the `keys`, else as `_chosen`; `path` is the Item's name."""
+    """The assets with the bands of a STAC Item: those named by `keys`, else by `_chosen`; `path`: its file or URL."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -139,7 +139,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets that are bands: one for each band, by wavelength, else a single one; `what`: for messages."""
+    """Keys of the assets with the bands: one-band assets, by wavelength, else the only image. `what` is for errors."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -168,8 +168,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
     """Common name and properties of each band of an asset; `file` is the GDAL name of its file.
 
-    They come from STAC 1.1 ("bands"), or from earlier extensions ("eo:bands", "raster:bands"). A band without a name
-    gets the name `key`. `applied`: the provider has applied the offset, so that the returned offset is 0.
+    They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). A band without a
+    name gets the name `key`. If `applied`, the provider has already applied the offset, and the returned offset is 0.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -192,7 +192,7 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
 
 
 def href(asset: Any, path: str) -> str:
-    """GDAL name of the file of an asset; a relative link is resolved from `path`, the name of the Item."""
+    """GDAL name of the file of an asset; a relative link is resolved from `path`, the Item's file or URL."""
     given = asset.get("href") if isinstance(asset, Mapping) else None
     if not isinstance(given, str) or not given:
         raise InputError(f"{path}: an asset has no href.")
@@ -207,28 +207,28 @@ def href(asset: Any, path: str) -> str:
 class ListedScene:
     """A scene of a batch: its name and its files."""
 
-    name: str  # its outputs get this name; never a path
+    name: str  # used in the names of its outputs; it is not a path
     paths: tuple[str, ...]  # GDAL names of its files
     item: str = field(default="", compare=False)  # name of the STAC Item that has these files, for `open_scene`
 
     @property
     def source(self) -> list[str]:
-        """Names for `open_scene`."""
+        """Names to give to `open_scene` as `path`."""
         return [self.item] if self.item else list(self.paths)
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
-    """List the scenes that arguments of a command name, in their order.
+    """List the scenes that the arguments of a command stand for, in the order of the arguments.
 
     Parameters
     ----------
     given : sequence of str
-        GDAL names and products (a folder, an archive or a metadata file); patterns with ``*``, ``?`` or ``[``, of local
-        files; a CSV (``.csv``) whose column `path` has the file of a scene (several separated by ";") and whose
-        optional column `name` has the name of the scene; a STAC ItemCollection or Item (``.json``, ``.geojson``).
+        The arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with *, ?
+        or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and whose
+        optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, or a URL).
     assets : sequence of str
-        Keys of the assets of a STAC Item that are its bands, in this order. If empty: the assets declared as bands,
-        else the only raster with the role "data", else the only raster.
+        Keys of the assets of a STAC Item that contain its bands, in this order. If empty, the assets declared as bands
+        are used; if there are none, the only raster with the role "data", or else the only raster.
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
@@ -258,13 +258,13 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
 
 
 def _stem(path: str) -> str:
-    """Name of a scene: the name of the product, else the file name without folder and ending."""
+    """Name of a scene: the name of its product, else the name of its file without folder and extension."""
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
     return checked_name(products.name_of(path) or Path(last).stem or last, path)
 
 
 def checked_name(name: str, origin: str) -> str:
-    """Return the name of a scene if it can be part of a file name; else InputError, which names its `origin`."""
+    """Return the name of a scene if it can be part of a file name; else raise InputError, which states `origin`."""
     if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "

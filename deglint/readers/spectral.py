@@ -1,8 +1,8 @@
 """Wavelength and other properties of a band, from the tags of a file and from the name of the band.
 
-Tags have many spellings. A number without a unit is in micrometres up to 30 and in nanometres above. A name may have a
-wavelength ("Blue-444", "490 nm"), a colour ("Red Edge") or a code ("SR_B2"). Colour words give only nominal wavelengths
-(a "red" band is assumed to be near 660 nm). A code such as "B8" depends on the sensor: see the presets.
+Names of tags have many spellings. A wavelength without a unit is in micrometres if at most 30, else in nanometres. The
+name of a band may contain a wavelength ("Blue-444", "490 nm"), a colour ("Red Edge") or a code ("SR_B2"). A colour only
+gives a nominal wavelength (660 nm for "red"). What a code such as "B8" means depends on the sensor (`deglint.sensors`).
 """
 
 import re
@@ -73,7 +73,7 @@ _NEAR_NOMINAL = 0.4
 
 
 def spectral_of(info: RasterInfo) -> list[Spectral]:
-    """Wavelength and width [nm] of every band, from the tags of the band, else from a list in the tags of the file."""
+    """Centre wavelength and width [nm] of every band, from its own tags, else from a list in the tags of the file."""
     unit = _first(info.tags, _UNIT_TAG, "")
     wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
     unknown: list[tuple[float | None, str]] = [(None, "")]
@@ -93,7 +93,7 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
 
 
 def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
-    """A copy of `info` with these wavelengths and widths in the tags of its bands; None keeps the tag of the file."""
+    """A copy of `info` with `spectra`, one per band, in the tags of the bands; if a value is None, the tag is kept."""
     every = []
     for own, (wavelength, width) in zip(info.band_tags, spectra, strict=True):
         facts = {"wavelength_nm": wavelength, "fwhm_nm": width}
@@ -103,7 +103,7 @@ def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:
 
 
 def own_facts(info: RasterInfo) -> RasterInfo:
-    """A copy of `info` where tags that a band lacks (wavelength, width, full scale) are copied from the file's tags."""
+    """A copy of `info` where bands that lack a wavelength, width or FULL_SCALE in their tags get that of the file."""
     info = with_spectral(info, spectral_of(info))
     if not (full := _first(info.tags, _FULL_SCALE, "")):
         return info
@@ -112,15 +112,15 @@ def own_facts(info: RasterInfo) -> RasterInfo:
 
 
 def time_offset(tags: Mapping[str, Mapping[str, str]]) -> float | None:
-    """Time of a band after the first band [s], from its tag `time_offset_s`; None without that tag."""
+    """Time of a band after the first band [s], from its tag `time_offset_s`; None if it has no such tag."""
     return number(_first(tags, re.compile("time_offset_s"), ""))
 
 
 def saturation(info: RasterInfo, band: int) -> float | None:
-    """Physical value from which on a band is saturated; None if not known.
+    """Physical value from which on a band is saturated; None if it is not known.
 
-    `band` is 0-based. The file value is in the tag FULL_SCALE of the band or of the file. Without this tag, the file
-    value is the largest of an integer type of up to 16 bits (wider types are never filled). None if that is nodata.
+    `band` is 0-based. The file value is read from the tag FULL_SCALE of the band or file. Without this tag, it is the
+    largest value of an integer type of up to 16 bits (sensors do not fill wider types). None if that value is nodata.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -133,7 +133,7 @@ def saturation(info: RasterInfo, band: int) -> float | None:
 
 
 def _first(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], default: str) -> str:
-    """The value of the first tag whose name matches `key`, in any namespace; `default` if there is none."""
+    """The value of the first tag, in any namespace, whose name matches `key`; `default` if there is none."""
     return next((value for value, _ in _matching(tags, key)), default)
 
 
@@ -145,7 +145,7 @@ def _matching(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str]) -> li
 
 
 def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: int) -> list[tuple[float, str]]:
-    """The numbers, each with its unit or "", in the first tag that matches `key` and has `count` numbers; else []."""
+    """Numbers, each with its unit or "", in the first tag that matches `key` and has `count` numbers; [] if none."""
     for value, match in _matching(tags, key):
         numbers = _NUMBER_PATTERN.findall(value)
         if len(numbers) == count:
@@ -155,7 +155,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "") -> float | None:
-    """Convert a wavelength to nm; without a unit, it is in um up to 30, else in nm. None if the unit is not a length.
+    """Convert a wavelength to nm. Without unit, it is in um if at most 30, else in nm. None if `unit` is not a length.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
     (490.0, 490, 490.0)
@@ -170,8 +170,8 @@ def nanometres(value: float, unit: str = "") -> float | None:
 def wavelength_in_name(name: str) -> float | None:
     """Wavelength [nm] given as a number in a name.
 
-    A number is accepted with a unit, beside a colour word with a similar wavelength, or if the rest of the name is only
-    a prefix. None if there is no such number.
+    A number counts if it has a unit, if it is near the wavelength of a colour word in the name, or if only a prefix
+    ("band") precedes it. A number alone from 1970 to 2100 may be a year and does not count. None if there is no number.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
@@ -195,7 +195,7 @@ def wavelength_in_name(name: str) -> float | None:
 
 
 def nominal_wavelength(name: str) -> float | None:
-    """Nominal wavelength [nm] of the colour word in a name; None if it has none, or words of several colours.
+    """Nominal wavelength [nm] of the colour word in a name; None if it has no colour word or several colours.
 
     >>> nominal_wavelength("Red Edge"), nominal_wavelength("B5 - Near Infrared"), nominal_wavelength("pan")
     (720.0, 840.0, None)
@@ -209,7 +209,7 @@ def nominal_wavelength(name: str) -> float | None:
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of bands that are all called by letters (R, G, B, NIR); otherwise None for each."""
+    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); otherwise None for each band."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]
@@ -222,14 +222,14 @@ def band_code(name: str) -> str | None:
 
 
 def plain_name(name: str) -> str:
-    """The name of a band without the prefix for its quantity, in lower case: "b2" for "SR_B2"."""
+    """The name of a band in lower case, without a prefix for its physical quantity: "b2" for "SR_B2"."""
     text = name.strip().lower()
     rest = re.sub("^" + _NAME_PREFIX, "", text)
     return rest or text
 
 
 def example_names(count: int) -> str:
-    """Example of `count` names for `--bands`, for messages; it is abbreviated for more than 20 bands."""
+    """Example of `count` band names for the option --bands, for messages; abbreviated for more than 20 bands."""
     if count > 20:
         return f"b1,b2,...,b{count}"
     return ",".join([*("blue", "green", "red")[: count - 1], "nir", *(f"b{i}" for i in range(5, count + 1))])

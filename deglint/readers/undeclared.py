@@ -1,6 +1,6 @@
-"""Find nodata values, a missing offset and the NIR that the file does not declare, from a sample of its pixels.
+"""Find a nodata value, an offset and the NIR band that a file does not declare, from a sample of its pixels.
 
-Opening a scene reads no pixels. `settled` is called before a scene is examined, fitted or corrected.
+Opening a scene reads no pixels; `settled` is called later, before the scene is examined, fitted or corrected.
 """
 
 import logging
@@ -53,7 +53,7 @@ Block = tuple[Tile, npt.NDArray[Any], Mask | None]
 
 @dataclass(frozen=True)
 class Undeclared:
-    """What was found for each band (empty: nothing), and one line of text for each finding."""
+    """Undeclared properties that were found: one value per band (empty: none found), and one note per finding."""
 
     nodatas: tuple[float | None, ...] = ()
     offsets: tuple[float, ...] = ()
@@ -61,7 +61,7 @@ class Undeclared:
     notes: tuple[str, ...] = ()
 
     def on(self, scene: Scene) -> Scene:
-        """A copy of the scene in which the findings are declared; the scene itself if there are none."""
+        """A copy of `scene` with the findings added, as if the file declared them; `scene` itself if there are none."""
         if not self.notes or not isinstance(scene.source, RasterSource):
             return scene
         old, notes = scene.source.info, (*scene.notes, *(n for n in self.notes if n not in scene.notes))
@@ -73,16 +73,16 @@ class Undeclared:
 
 
 def settled(scene: Scene) -> Scene:
-    """A copy of the scene in which the findings of `undeclared` are declared; pixels are read only once."""
+    """A copy of `scene` with the findings of `undeclared` added, as if the file declared them (see `Undeclared.on`)."""
     return undeclared(scene).on(scene)
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, the lost offset of a cut Sentinel-2 product, and the wavelengths of four unnamed bands.
+    """Find undeclared nodata, an undeclared offset of Sentinel-2 values, and the wavelengths of four unnamed bands.
 
-    Nodata is searched for if neither the file nor the caller declares it. It is a value that is equal in all bands over
-    at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a
-    square of `SOLID` x `SOLID` pixels. Findings are also written to the log. A scene is searched only once.
+    Nodata is searched for if neither the file nor the caller declares it. It is a value that all bands have in at least
+    2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a square
+    of `SOLID` x `SOLID` pixels. Findings are also written to the log. A scene is searched once; later calls find none.
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
@@ -106,7 +106,7 @@ def undeclared(scene: Scene) -> Undeclared:
 
 
 def _tiles(scene: Scene) -> list[Tile]:
-    """Tiles to read: all tiles of a small scene, or a regular grid of tiles from corner to corner of a larger one."""
+    """Tiles to read: all tiles of a small scene, or a regular grid of tiles from edge to edge of a larger one."""
     side, size = SAMPLED_SIDE, (scene.height, scene.width)
     if scene.height * scene.width <= LOOKED_AT:
         return tiling.tiles(*size, (side, side))
@@ -120,9 +120,9 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
-    """Find nodata, a value that all bands have over whole areas of the `blocks`.
+    """Find nodata: a value that all bands have over large areas of `blocks`, the tiles that were read.
 
-    A band that also has the value in many pixels where other bands differ gets no nodata.
+    A band that also has this value in many pixels where other bands have other values gets no nodata.
     """
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
     value = _commonest(same)
@@ -153,7 +153,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
 
 
 def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
-    """Most frequent value of pixels that are equal in all bands (masks in `same`); values up to 0 take precedence."""
+    """Most frequent value of pixels with one value in all bands (masks in `same`); values up to 0 take precedence."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -172,7 +172,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether the integer file has more than two spectral bands, all named as in Sentinel-2, and no declared offset."""
+    """Whether a file has integers, more than two spectral bands, all named as in Sentinel-2, and no stated offset."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
     named = len(spectral) > 2 and set(spectral) <= known
@@ -182,14 +182,14 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _four(scene: Scene) -> bool:
-    """Whether there are four bands, the last without name and wavelength, and none is known to be beyond `VISIBLE`."""
+    """Whether there are four bands, the last one without name and wavelength, and none is known to be above 700 nm."""
     waves = [b.wavelength for b in scene.bands]
     unnamed = len(waves) == 4 and waves[3] is None and scene.names[3] == "band 4"
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
 
 
 def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Add wavelengths of four bands to the findings if brightness and variation in `blocks` agree with `ORDER`."""
+    """Add wavelengths of four bands to `found` if brightness and range of the values in `blocks` agree with `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
@@ -203,7 +203,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Add the offset of Sentinel-2 to the findings if the file values in `blocks` include it; a note if they may."""
+    """Add the offset of Sentinel-2 to `found` if the values in `blocks` include it; only a note if they may do so."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)
@@ -220,7 +220,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
 
 
 def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: float) -> list[float]:
-    """A percentile of the valid file values of each band in `blocks`; infinite if none is valid."""
+    """The percentile `percent` of the valid file values of each band in `blocks`; infinite for a band without any."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])

@@ -1,8 +1,8 @@
 """Removal of glint from arrays: one module per method.
 
 `METHODS` is the table that the command line, the documentation, the benchmarks and the tests iterate over. To add a
-method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request)`, where it needs a sample), add a
-line here, and a test against a published or independent value.
+method, write a module with `fit(request, stats) -> GlintModel` (and `plan(request) -> SamplePlan` if it needs
+statistics of a sample), add an entry to `METHODS`, and add a test against a published or independent value.
 
 This package does not deal with files, tiles, threads, water masks or logging.
 """
@@ -36,11 +36,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Method:
-    """A method of removal, as an entry of `METHODS`.
+    """A method of glint removal: one entry of the table `METHODS`.
 
-    `fit` takes a request (the bands to correct and their references) and the sample: statistics as `plan` requests
-    them, None without a plan, or a list of `SampleTile` if `neighbours` is set. It raises FitError if the sample has
-    too few pixels or a reference does not vary in it, and BandError if the method needs a band that is missing.
+    `fit` takes a request (the bands to correct and their references) and the sample: a list of `SampleTile` if
+    `neighbours` is True, else the statistics that `plan` requests, or None if `plan` is None. It raises FitError if the
+    sample has too few pixels or a reference is constant in it, and BandError if a band that it needs is missing.
     """
 
     summary: str  # one line for `--help` and the documentation
@@ -87,9 +87,9 @@ def fit(
     block : (band, row, column) ndarray
         Physical values, NaN where not valid.
     nir : int or sequence of int
-        0-based NIR band or bands; the mean of several bands is the reference unless `use` says otherwise.
+        0-based NIR band or bands; the mean of several bands is the reference unless the option `use` says otherwise.
     sample : (row, column) bool ndarray, optional
-        True over deep, glinted water; every valid pixel by default.
+        True over deep water with glint; by default every valid pixel is used.
     bands : sequence of Band, optional
         Names and wavelengths; "band 1", "band 2", ... by default.
     **options
@@ -102,9 +102,9 @@ def fit(
     Raises
     ------
     InputError
-        An unknown method or band, or an option out of range.
+        If the method or a band is unknown, or an option is out of range.
     FitError
-        The sample does not allow a fit.
+        If the sample does not allow a fit, for example because it has too few pixels.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """The block as floating point, and the sample mask (row, column), by default all True; InputError: wrong shape."""
+    """Return the block as floats, and the sample mask (all True if None). Raises InputError if a shape is wrong."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
@@ -143,7 +143,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
 
 
 def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
-    """Fit a pointwise method to blocks (band, row, column); `masks` (row, column): True for pixels of the sample."""
+    """Fit a method without kernels to `blocks`, (band, row, column); `masks`, (row, column), are True in the sample."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -160,15 +160,15 @@ def nir_request(
     correct: Sequence[int] | None = None,
     **options: Any,
 ) -> FitRequest:
-    """Make the request for a fit from all bands of the scene and a selection of NIR bands (0-based).
+    """Make the request for a fit from all bands of the scene and the NIR bands, `nir` (0-based).
 
     use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
         band best; "set", the NIR band that is taken at the same time (`Band.group`)
     correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if no
-        wavelengths are known. A band without wavelength beside others with one may be a mask or a class: it is copied
+        wavelengths are known. If only some bands have wavelengths, the others are copied: they may be masks or classes
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
-    Raises InputError: a selection that is not possible, or an option out of range.
+    Raises InputError if a selection is not possible, or an option is out of range.
     """
     if not nir or not all(0 <= b < len(bands) for b in nir):
         raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
@@ -188,7 +188,7 @@ def nir_request(
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
-    """Index in `nir` of the first NIR band taken at the same time (`Band.group`) as `band`; InputError without one."""
+    """Position in `nir` of the first band taken at the same time (`Band.group`) as `band`; InputError if none is."""
     for k, reference in enumerate(nir):
         if bands[reference].group and bands[reference].group == bands[band].group:
             return k

@@ -1,8 +1,8 @@
 """Subtract the local mean of the bands, so that slopes depend on waves and not on the colour of the water.
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
-subtraction of a local mean from every band, the slope is nearly constant over the sea. Where a window is cut off by
-land or the edge of a tile, its mean lies to one side, and a local plane is subtracted instead.
+subtraction of a local mean from every band, the slope is nearly constant over the sea. Where land or the edge of a tile
+covers a part of the window, its mean is that of one side, and a local plane is subtracted instead.
 """
 
 from functools import partial
@@ -30,7 +30,7 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
 
     Every sum is composed of sums over 8, 4, 2 and 1 pixels: unlike a running sum it has no drift, and results do not
     depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and the upper
-    and the lower bits of float64 values are summed separately. Cost: about 40 ns per pixel and band, 80 ns for float64.
+    and the lower bits of float64 values are summed separately. It takes 40 ns per pixel and band, 80 ns for float64.
 
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])
@@ -54,10 +54,10 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
 
 
 def detrend_plane(block: FloatArray, sample: Mask, size: int = LOCAL_MEAN) -> Float64:
-    """Subtract from every band the plane fitted to its sample pixels in a square around each sample pixel.
+    """Subtract from every band, at each sample pixel, a plane fitted to the sample pixels in the square around it.
 
-    In a full square the plane is the mean. In a square of which the sample fills one side, `detrend` leaves part of the
-    gradient of a band, such as that of a plume, which is then taken for glint.
+    At the centre of a full square the plane equals the mean. If the sample fills one side of a square only, `detrend`
+    leaves part of the gradient of a band, such as that of a plume, and a fit would take it for glint.
 
     block : (band, row, column), any unit, finite in the sample
     sample : (row, column), the sample
@@ -98,12 +98,12 @@ def _halves(values: Float64) -> tuple[Float64, Float64]:
 
 
 def _box_sum(values: Float64, size: int) -> Float64:
-    """Sum over size x size pixels around each pixel, (row, column); pixels outside the image count as 0."""
+    """Sum over `size` x `size` pixels around each pixel, (row, column); pixels outside the image count as 0."""
     return _run_sum(_run_sum(np.pad(values, size // 2), size).T, size).T
 
 
 def _run_sum(values: Float64, size: int) -> Float64:
-    """Sums of `size` neighbours along the first axis (shorter by `size` - 1), composed of sums over powers of two."""
+    """Sums of every `size` successive rows; `size` - 1 fewer rows. Each is composed of sums over 1, 2, 4, ... rows."""
     length = len(values) - size + 1
     total = np.zeros((length, values.shape[1]))
     offset, power = 0, 1

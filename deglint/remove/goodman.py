@@ -15,7 +15,7 @@ B = 0.1  # increase of the water-leaving part at 750 nm with Rrs(640) - Rrs(750)
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:
-    """R'_i = R_i - R_750 + A + B (R_640 - R_750), A and B constants; glint index (1 + B) R_750 - B R_640, level A.
+    """Make the model R'_i = R_i - (g - A), with the glint index g = (1 + B) R_750 - B R_640, constants A (level) and B.
 
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,

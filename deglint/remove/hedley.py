@@ -13,7 +13,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - min NIR), b_i the slope of band i; a `floor_percentile` above 0 replaces the minimum.
+    """Fit L'_i = L_i - b_i (NIR - min NIR), b_i the slope of band i; if set, `floor_percentile` replaces the minimum.
 
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.

@@ -12,12 +12,12 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments, and the brightest and darkest pixel of every NIR reference."""
+    """The statistics that `fit` needs: moments, and the brightest and darkest pixel of every NIR reference."""
     return SamplePlan(request.correct, request.indexes)
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - f (L_i(brightest) - L_i(darkest)), f = (NIR - min NIR) / (max NIR - min NIR).
+    """Fit L'_i = L_i - f (L_i(brightest) - L_i(darkest)), f = (NIR - min NIR) / (max NIR - min NIR), L_i band i.
 
     Hochberg, Andrefouet, Tyler (2003), "Sea surface correction of high spatial resolution Ikonos images to improve
     bottom mapping in near-shore environments", IEEE Transactions on Geoscience and Remote Sensing 41, 1724-1729,

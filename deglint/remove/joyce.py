@@ -12,7 +12,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - b_i (NIR - mode NIR), b_i the slope of band i.
+    """Fit L'_i = L_i - b_i (NIR - mode NIR), with L_i the values of band i, L'_i the result, b_i the slope on the NIR.
 
     Joyce (2004), "A method for mapping live coral cover using remote sensing", PhD thesis, University of Queensland; as
     given in section 3.2 of Kay, Hedley, Lavender (2009), Remote Sensing 1, 697-730, doi:10.3390/rs1040697.

@@ -1,12 +1,12 @@
-r"""Kernels that predict bands from neighbourhoods of references: their fit, their width, and their uncertainty.
+r"""Kernels that predict bands from the neighbourhoods of pixels in references: fit, choice of width, uncertainty.
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
-The vector v(x) lists the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b); the
-mean is subtracted from all. lambda is a small ridge. One Gram matrix G is kept for each square of `CELL` x `CELL`
-pixels of the sample. The response of a kernel is the sum of its coefficients; the support of a kernel is the side of
-its window on each reference. Groups of squares are left out in turn. The support is selected by the residuals in the
-squares that are left out (cross-validation). The scatter of the responses gives their jackknife covariance.
+The vector v(x) has the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b), all
+minus their means; G_rr and G_rb are parts of G, and lambda is a small ridge. There is one Gram matrix G for each square
+of `CELL` x `CELL` pixels of the sample. The response of a kernel is the sum of its coefficients; its support is the
+side of its window on each reference. The fit is repeated without each group of squares in turn: residuals in the group
+that is left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ FOLDS = 16  # groups of squares that are left out in turn: an error estimated fr
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
-    """(row, column) of every pixel of a square of this side [pixel], counted from its centre."""
+    """Offsets (row, column) of all pixels of a square from its centre pixel; `side` of the square [pixel] is odd."""
     span = range(-(side // 2), side // 2 + 1)
     return tuple(product(span, span))
 
 
 class LagGrams(NamedTuple):
-    """A Gram matrix for each square of the sample. Variables are the references at every offset, then the bands."""
+    """Gram matrix of each square of a sample: sums over pixels of products of references (at all offsets) and bands."""
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
     pixels: npt.NDArray[np.int64]  # (square,): number of pixels in the sums
@@ -53,21 +53,21 @@ class LagGrams(NamedTuple):
     references: int  # number of references
 
     def some(self, chosen: Mask) -> LagGrams:
-        """The Gram matrices of those squares of the sample for which a mask (square,) is True."""
+        """The Gram matrices of those squares of the sample for which the mask `chosen` (square,) is True."""
         return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
 
     def columns(self, reference: int, side: int) -> list[int]:
-        """Rows of a Gram matrix that a kernel of this side [pixel] on one reference (0 for the first) uses."""
+        """Indices of the rows of a Gram matrix for a kernel of this side [pixel] on one reference (0 for the first)."""
         inside = set(offsets(side))
         return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
 
     @property
     def outputs(self) -> list[int]:
-        """Rows of a Gram matrix that belong to the bands."""
+        """Indices of the rows of a Gram matrix that belong to the bands to predict."""
         return list(range(self.references * SIDE**2, self.grams.shape[1]))
 
     def inputs(self, support: tuple[int, ...]) -> list[int]:
-        """Rows of a Gram matrix that kernels with these sides [pixel] on the first, second, ... reference use."""
+        """Indices of the rows of a Gram matrix for kernels whose sides on the references are `support` [pixel]."""
         return [c for reference, side in enumerate(support) for c in self.columns(reference, side)]
 
 
@@ -80,13 +80,13 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
-    """Gram matrices of the squares of one tile; squares with too few pixels are omitted.
+    """Compute the Gram matrix of each square of `CELL` x `CELL` pixels of a tile; omit squares with too few pixels.
 
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict
     sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
         counts if the largest kernel around it covers only such pixels
-    size : side of the window around each pixel in which a plane is first subtracted [pixel]; 0 for none
-    origin : row and column of the tile in the scene
+    size : side of the window around each pixel in which a plane is fitted and first subtracted [pixel]; 0 for none
+    origin : row and column in the scene of the first pixel of the tile [pixel]
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
     stack = np.stack([*references, *bands])
@@ -116,7 +116,7 @@ def gather(
 
 
 def _gram(variables: Float64, weight: Float64) -> Float64:
-    """Weighted Gram matrix about the weighted mean, from variables (row, variable, column) and weights (row, column).
+    """Weighted Gram matrix of variables (row, variable, column) minus their means; `weight` is (row, column).
 
     Products are computed by rows: for a whole square BLAS would start threads that compete with the threads for tiles.
     """
@@ -127,13 +127,13 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
-    """One `LagGrams` with the squares of several tiles, in the order of the tiles."""
+    """Join the Gram matrices of several tiles into one `LagGrams`, in the order of the tiles."""
     grams, pixels, places, references = zip(*parts, strict=True)
     return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), references[0])
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
-    """Least squares coefficients (input, output), with a ridge; inputs and outputs are rows of the Gram matrix."""
+    """Coefficients (input, output) of a ridge regression; `inputs`, `outputs`: their rows in the Gram matrix `gram`."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
@@ -142,21 +142,21 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares (output,) with coefficients (input, output); inputs, outputs: rows of the Gram matrix."""
+    """Residual sum of squares, (output,), with `coefficients` (input, output); other arguments are as in `solve`."""
     rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
     return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
 
 
 class BandSet(NamedTuple):
-    """Bands with the same references."""
+    """Bands to correct that are predicted from the same references."""
 
     references: tuple[int, ...]  # 0-based bands of the scene
-    bands: tuple[int, ...]  # places in `FitRequest.correct`
+    bands: tuple[int, ...]  # positions in `FitRequest.correct`
     supports: tuple[tuple[int, ...], ...]  # to choose from: sides of kernels on each reference, smallest first
 
 
 class KernelFit(NamedTuple):
-    """Kernels of bands that have the same references and the same support."""
+    """Fitted kernels of bands that have the same references, and the same side of the kernel on each reference."""
 
     references: tuple[int, ...]  # as in `BandSet`
     bands: list[int]  # as in `BandSet`
@@ -169,9 +169,9 @@ class KernelFit(NamedTuple):
 
 
 def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
-    """Fit the kernels of a set of bands; one `KernelFit` for each support that is chosen for some of the bands.
+    """Fit the kernels of a set of bands; one result for each support (side on each reference) that is selected.
 
-    Raises FitError: the first reference does not vary, or numbers are too large.
+    Raises FitError if the references do not vary, or sums of squares are too large.
     """
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
     edges = np.arange(count + 1) * len(grams.grams) // count
@@ -197,7 +197,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power over power of each band, (group, band), with kernels of the other groups (one group: its own)."""
+    """Residual power in each group of squares over a band's power, (group, band), with kernels of the other groups."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -205,7 +205,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support of each band: the best for all bands, or its own best if clearly better; `losses`: see `_held_out`."""
+    """Support (sides of the kernel) of each band: the best for all, or its own if clearly better, by the `losses`."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -217,9 +217,9 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports, smallest first, with at most `WORTH` (relative) or one standard error more noise than the best one.
+    """Supports (sides of kernels) whose noise exceeds the least by at most `WORTH` (relative) or one standard error.
 
-    losses : residual power (group,) by support
+    losses : residual power in each group of squares, (group,), by support; smallest support first, as in the result
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
     best, out = losses[least], []
@@ -232,7 +232,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Change of each band (output,) if its NIR rises by 1, and other references by their prediction from the NIR."""
+    """Rise of each band, (output,), if the NIR rises by 1, and other references rise as predicted from the NIR."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -244,12 +244,12 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    r"""Responses s of all bands, (band,), and their covariance V, (band, band), by the jackknife over G groups.
+    r"""Responses s of all `bands` bands, (band,), and their covariance V, (band, band), by the jackknife over G groups.
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
-    with s_{-g} the responses without group g of squares. If a band has several fits (kinds of strips), s is the mean of
-    the fits, weighted by pixels. With fewer than two groups, the standard error of a response is the response itself.
+    with s_{-g} the responses fitted without group g of squares. If a band is in several fits (kinds of strips), s is
+    their mean, weighted by pixels. With fewer than two groups, the standard error of a response is the response itself.
     """
     share = np.zeros(bands)
     for f in found:

@@ -14,7 +14,7 @@ from .statistics import SamplePlan, SampleStatistics
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments, and the pixels with the deepest and the shallowest oxygen absorption."""
+    """The statistics that `fit` needs: moments, and the pixels with the deepest and the shallowest absorption."""
     return SamplePlan(request.correct, _with_depth(request).indexes)
 
 

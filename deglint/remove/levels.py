@@ -1,4 +1,4 @@
-"""Glint-free level of a glint index: the mode of a sample (`mode`), or one level for all bands (`shared_level`).
+"""Glint-free level of a glint index: the mode of a sample (`mode`), or levels for all bands together (`shared_level`).
 
 References
 ----------
@@ -67,12 +67,12 @@ def mode(sample: npt.NDArray[np.floating]) -> float:
     computed on a histogram of bins h/8 wide, and a parabola refines the peak. Where values come in steps (integers, or
     integers times a factor), a bin contains an integer number of steps and is centred on them.
 
-    Raises FitError: there are no values.
+    Raises FitError if there are no values.
 
     Notes
     -----
-    Assumes one main peak. If values are shifted or scaled, so is the mode (to rounding). The error falls with n^(-2/7);
-    a half-sample mode, the usual alternative, is several times noisier at the same n. Costs one sort and a few passes.
+    One main peak is assumed. If values are shifted or scaled, so is the mode (to rounding). The error falls with
+    n^(-2/7); a half-sample mode, the usual alternative, is several times noisier. The cost is a sort and a few passes.
     """
     if sample.size == 0:
         raise FitError("the mode of no values was asked for; the sample is empty.")
@@ -100,7 +100,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     other causes, noise or reflected sky, which contribute as much above the median. The share is 2 L / (L + U), with L
     and U the mean square distance from the median in the lower and in the upper half. If L > U, the share is above 1.
 
-    Raises FitError: there are no values.
+    Raises FitError if there are no values.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:
-    """Position of the maximum of the density of sorted values; `mode` explains the scale s and the step."""
+    """Value at which the density of sorted `values` is largest; `mode` explains the `scale` s and the `step`."""
     bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
     fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
@@ -140,7 +140,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
 
 
 def _step(ordered: Float64) -> float:
-    """Quantisation step of sorted values; 0 for continuous values."""
+    """Quantisation step of sorted values, [unit of the values]; 0 for continuous values."""
     distinct = ordered[np.concatenate([[True], np.diff(ordered) > 0])]
     if distinct.size < 2 or distinct.size > ordered.size / 2:
         return 0.0
@@ -150,7 +150,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the highest of `counts` (bin,), refined by a parabola; of several equal ones, their middle."""
+    """Position [bin] of the largest of `counts` (bin,), refined by a parabola, or the middle of several equal ones."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -162,14 +162,14 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: prediction of NIR."""
+    """Mask of the sample without pixels near strong glint, as resampling darkens these; `together`: predicted NIR."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
 
 @dataclass(frozen=True, eq=False)
 class LevelSample:
-    """Pixels of a sample from which the glint-free level is determined, together for all bands (`shared_level`)."""
+    """Values of the pixels of a sample from which `shared_level` determines the glint-free level of all bands."""
 
     prediction: FloatArray  # (band, pixel): NIR of each band as its kernel predicts it [unit of the NIR]
     value: FloatArray  # (band, pixel) [unit of the band]
@@ -179,27 +179,27 @@ class LevelSample:
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
     def some(self, which: Any) -> LevelSample:
-        """The pixels that a mask (pixel,) or a slice selects."""
+        """The sample reduced to the pixels that `which`, a mask (pixel,) or a slice, selects."""
         return LevelSample(*(values[..., which] for values in vars(self).values()))
 
 
 def shared_level(
     sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
 ) -> tuple[Float64, tuple[float, float, float]]:
-    """Level of each band, (band,), and three levels common to the bands [unit of the NIR].
+    """Glint-free level of each band, (band,), and three levels that are common to all bands [unit of the NIR].
 
     slopes : (band,), glint of the band divided by the glint of its NIR
     visible : (band,), True for visible bands, which limit the possible NIR of the water
     resolved : True if pixels are smaller than waves
 
-    The three levels are the lowest possible, the chosen one, and the median of the predictions. The chosen one is the
-    least prediction over the sample, raised so that almost no pixel with little glint becomes negative. If glint is
-    dense (span from `SPARSE` on), only local means must be positive, as errors make pixels negative. Where every pixel
-    contains several waves, and so may have glint, the level may be lower. It is estimated from b / s - p, with b the
-    value of a band, s its slope and p its predicted NIR. This excess equals w_b / s - w_NIR, with w_b and w_NIR the
-    values of the water, and contains no glint. In a visible band, w_NIR is at most `DARKER` times w_b / s, and so at
-    most `DARKER` / (1 - `DARKER`) times the excess. Nor may the least glint exceed `LEAST_OF_MEDIAN` times the median
-    glint. Where waves are resolved, some face away from the sun: the level is then not below the least prediction.
+    The three levels are the lowest possible one, the chosen one, and the median of the predicted NIR. The chosen one is
+    the least prediction in the sample, raised so that almost no pixel with little glint becomes negative. If glint is
+    dense (`span_of` is at least `SPARSE`), only local means must be positive, as errors make single pixels negative. If
+    each pixel contains several waves, all may have glint. The level is then at most the highest NIR that water can
+    have, computed from the excess b / s - p, with b the value of a band, s its slope, p its prediction. The excess has
+    no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a visible band w_NIR is at most
+    `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. The least glint is at most
+    `LEAST_OF_MEDIAN` times its median. If waves are resolved, some face away from the sun: the level is not lowered.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -231,10 +231,10 @@ def shared_level(
 
 
 def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float | None]:
-    """Value of each band below which the removal makes no pixel, (band,); None where there is none.
+    """Lower limit of the result of the removal in each band, (band,) [unit of the band]; None for a band without limit.
 
-    It is the least positive value after removal in the half of the sample with less glint, as errors of the kernels
-    grow with glint and would make pixels darker. A band is not limited if 0 is no limit of its water.
+    The limit is the least positive value after removal in the half of the sample with less glint: errors of the kernels
+    grow with glint, and would make other pixels darker. A band with many negative values over water has no limit.
     """
     calm = (together := slopes @ sample.prediction) <= np.median(together)
     left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)
@@ -254,19 +254,19 @@ def _highest(values: FloatArray, share: float) -> float:
 
 
 def _normal_tail(together: FloatArray) -> bool:
-    """Whether the lower half of the predictions `together` (pixel,) is noise, so that most pixels have no glint."""
+    """Whether the lower half of the predicted NIR `together` (pixel,) is noise, so that most pixels have no glint."""
     least, low, middle = np.percentile(together, [1.0, 10.0, 50.0])
     return bool(middle - least > NORMAL_TAIL * (middle - low)) and even_share(together) < RARE
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """`glint` (band,), divided by its mean with the weights `slopes`; all 1 if the glint of a band is not positive."""
+    """`glint` (band,), divided by its mean over the bands with weights `slopes`; all 1 if a glint is not positive."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
 def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
-    """Highest possible NIR of the water, from the excess of the bands that are `visible`; infinite without any."""
+    """Highest possible NIR of the water, from the `visible` bands as `shared_level` says; infinite without any."""
     if visible is None or not visible.any():
         return np.inf
     together = slopes @ sample.prediction
@@ -276,7 +276,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def span_of(together: FloatArray, apart: Mask | None = None) -> float:
-    """Span (see `MOSTLY_CLEAR`) of the prediction of all bands `together`, (pixel,); `apart`: see `LevelSample`."""
+    """(Median - minimum) / (99th percentile - median) of predicted NIR, (pixel,), with the minimum where `apart`."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together if apart is None or not apart.any() else together[apart]
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))
@@ -285,7 +285,7 @@ def span_of(together: FloatArray, apart: Mask | None = None) -> float:
 def shared_level_error(
     sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
 ) -> float:
-    """Standard error of the level [unit of the NIR]; the arguments are as for `shared_level`.
+    """Standard error of the level [unit of the NIR]; the arguments are as in `shared_level`.
 
     It is estimated by the jackknife over groups of neighbouring pixels. Where every pixel may have glint, a second term
     is added. The true level then lies between the lowest possible and the chosen level, with a probability density that

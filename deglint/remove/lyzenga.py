@@ -10,7 +10,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - r_ij (L_j - mean L_j), r_ij = cov(i, j) / var(j), with j the NIR.
+    """Fit L'_i = L_i - r_ij (L_j - mean L_j), with L_i the values of band i, j the NIR and r_ij = cov(i, j) / var(j).
 
     Lyzenga, Malinas, Tanis (2006), "Multispectral bathymetry using a simple physically based algorithm", IEEE
     Transactions on Geoscience and Remote Sensing 44, 2251-2259, doi:10.1109/TGRS.2006.872909.

@@ -9,7 +9,7 @@ sum, over squares of pixels of the sample, of the root mean square residual in t
 to squares with an object under glint, to which least squares would be sensitive.
 
 This is the removal in a compensation with an opening (`deglint.compensate`). It fails where the references show the
-bottom. Red edge is not used if it would remove a turbid plume in the sample.
+bottom. Red edge is not used if it would remove a turbid plume that is added to the sample for a test.
 """
 
 from collections.abc import Sequence
@@ -53,10 +53,10 @@ def fit(
     clear : share of the sample without glint, 0..1. At least `LEAST_GLINT` % is used, or `CLEAR` % if the predictions
         are skewed (see `SKEWED`). The level of a band is the median of its prediction over this share of the pixels:
         those with the smallest sum of the predictions of all bands
-    cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background;
-        added to the level [unit of the band]
+    cut : for each band of the scene, how much the opening decreased its mean by replacing noise above the background.
+        This is added to the level [unit of the band]
 
-    Raises FitError: too little water.
+    Raises FitError if there is too little water.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference, one pixel); Holland, Welsch (1977), Communications in Statistics A6,
@@ -87,7 +87,7 @@ def fit(
 def _fitted(
     request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]
 ) -> GlintModel:
-    """Fit the kernels of each band on the NIR and on the longer bands of `more` (0-based); the levels are 0."""
+    """Fit the kernels of each band on the bands `nir` and on the longer ones of `more` (0-based); the levels are 0."""
     every = (*nir, *more)
     parts = [
         gather([t.block[r] for r in every], [t.block[b] for b in request.correct], t.sample, size=0) for t in tiles
@@ -112,7 +112,7 @@ def _fitted(
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
-    """Coefficients (input, 1) that minimise the sum, over the squares, of the root mean square residual."""
+    """Coefficients (input, 1) that minimise the sum, over the squares of a sample, of root mean square residuals."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
@@ -125,7 +125,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
 
 
 def _plume_gain(request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]) -> float:
-    """Share of an added plume that a removal with 0-based references `nir` and `more` keeps; the least of all bands."""
+    """Share of an added plume that a removal with references `nir` and `more` (0-based) keeps; minimum over bands."""
     bands = range(len(request.bands))
     level = [np.percentile(np.concatenate([t.block[b][t.sample] for t in tiles]), PLUME_PERCENTILE) for b in bands]
     waves = np.array([b.wavelength or 0.0 for b in request.bands])

@@ -1,13 +1,13 @@
 """The linear model that all methods fit.
 
 All methods compute a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from every
-other band i a multiple of the excess of g over its glint-free level g0:
+other band, with the value L_i, a multiple of the excess of g over its glint-free level g0:
 
     L'_i = L_i - b_i (g - g0)
 
-They differ only in the index, in the slopes b_i and in the level g0, so that one model class serves all of them. Most
-methods are pointwise. An index with offsets is a kernel over neighbouring pixels, and a tile then needs
-`GlintModel.halo` more pixels around it. The result does not depend on tiles, to the bit.
+L'_i is the result. Methods differ only in the index, in the slopes b_i and in the level g0, so that one class can
+represent all of them. Most methods are pointwise. An index with offsets is a kernel over neighbouring pixels: a tile
+then needs `GlintModel.halo` more pixels on every side. The result is the same to the bit for any division into tiles.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FORMAT = 1  # version of the JSON text of a model
 
 @dataclass(frozen=True, slots=True)
 class GlintIndex:
-    """A glint index g = sum of weight * band, and its glint-free level g0."""
+    """A glint index g, which is a weighted sum of bands, and its level g0, which is the value of g without glint."""
 
     bands: tuple[int, ...]  # 0-based bands of the index
     weights: tuple[float, ...]  # of each band
@@ -39,7 +39,7 @@ class GlintIndex:
     offsets: tuple[tuple[int, int], ...] = ()  # (row, column) at which each band is read [pixel]; empty: at the pixel
 
     def of(self, planes: FloatArray | Mapping[int, FloatArray]) -> Float64:
-        """Weighted sum, (row, column), of the bands at the pixel itself, in float64; the level is not subtracted."""
+        """The weighted sum g, (row, column), from bands (row, column) in `planes`; offsets and level are not used."""
         total = self.weights[0] * planes[self.bands[0]].astype(np.float64)
         for band, weight in zip(self.bands[1:], self.weights[1:], strict=True):
             total += weight * planes[band].astype(np.float64)
@@ -48,11 +48,11 @@ class GlintIndex:
 
 @dataclass(frozen=True, slots=True)
 class BandFit:
-    """Relation of one band to its glint index."""
+    """How one band is corrected: its glint index, and its slope (glint of the band over glint of the index)."""
 
     band: int  # 0-based
     name: str
-    index: int  # place of the glint index in `GlintModel.indexes`
+    index: int  # position of the glint index in `GlintModel.indexes`
     slope: float  # b_i [unit of the band per unit of the index]
     stderr: float | None = None  # standard error of the slope; None if the method does not estimate the slope
     r2: float | None = None  # share of the band's variance in the sample that the index explains
@@ -69,28 +69,28 @@ class GlintModel:
     method : str
         Key of `deglint.remove.METHODS`.
     indexes : tuple of GlintIndex
-        Glint indexes; `BandFit.index` is the place of an index in this tuple.
+        Glint indexes; `BandFit.index` is the position of an index in this tuple.
     fits : tuple of BandFit
         One for each corrected band; other bands are copied.
     band_names : tuple of str
-        All bands of the scene to which it was fitted.
+        Names of all bands of the scene to which the model was fitted.
     regression : str or None
-        Estimator of the slopes.
+        Name of the estimator of the slopes; None if the method does not estimate slopes by regression.
     warnings : tuple of str
         Warnings about the fit.
     references : tuple of ReferenceRule
-        Rules by which ships, surf and land are first replaced in each reference; empty for pointwise methods.
+        How ships, surf and land in each reference are replaced before kernels are applied; empty without kernels.
     level_interval : (float, float, float), optional
-        Three values of the level common to all bands [unit of the index]: the lowest one that makes (almost) no pixel
-        negative; the chosen one; and the median of the predicted NIR.
+        Levels common to all bands [unit of the index]: the lowest that makes (almost) no pixel negative after removal;
+        the chosen one; and the median of the predicted NIR.
     level_stderr : float, optional
         Standard error of the chosen level [unit of the index].
     strips : Strips, optional
-        Strips of detectors with band delays of opposite sign, if the scene has them.
+        Where detector strips of two kinds, with opposite band delays, are in the scene; None if there is one kind.
     second : tuple of GlintIndex
-        Indexes for the strips with the other sign, in the order of `indexes`; empty without strips.
+        Glint indexes for the second kind of strip, in the order of `indexes`; empty without strips.
     signed : bool
-        Whether a kernel model adds light where its prediction is below the level; True if glint was replaced before.
+        True if a kernel model also adds light where its prediction is below the level, as after an opening.
     """
 
     method: str
@@ -108,7 +108,7 @@ class GlintModel:
 
     @property
     def halo(self) -> int:
-        """Number of pixels that are needed around a tile to apply the model."""
+        """Number of pixels that are needed on every side of a tile to apply the model."""
         reach = max((abs(o) for i in self.indexes for at in i.offsets for o in at), default=0)
         return max((r.halo for r in self.references), default=0) + reach
 
@@ -130,7 +130,7 @@ class GlintModel:
         return f"GlintModel({self.method}: {names} on {references})"
 
     def _index_name(self, index: GlintIndex) -> str:
-        """The bands of an index as text, with the sides of its kernels, or with its weights if these are not equal."""
+        """Text that names the bands of an index, with the sizes of its kernels, or its weights if it is not a mean."""
         if index.offsets:
             sides = {b: math.isqrt(index.bands.count(b)) for b in dict.fromkeys(index.bands)}
             return " and ".join(f"{self.band_names[b]} ({n} x {n} pixels)" for b, n in sides.items())
@@ -140,12 +140,12 @@ class GlintModel:
         return " ".join(f"{w:+.4g} {n}" for w, n in zip(index.weights, names, strict=True))
 
     def to_json(self) -> str:
-        """The model as JSON text with the version of the format, as `--save-model` writes it; `from_json` reads it."""
+        """The model as JSON text with the version of the format. `--save-model` writes it, and `from_json` reads it."""
         return json.dumps({"format": FORMAT, "kind": "deglint model", **asdict(self)}, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> GlintModel:
-        """Read a model from the text of `to_json`; InputError if it is not a model, or has another format."""
+        """Make a model from the text that `to_json` returned. Raises InputError if it is no model of this format."""
         try:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
@@ -157,9 +157,9 @@ class GlintModel:
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
-        """The same model for a scene with these band names, in any order and case.
+        """The same model for a scene whose bands have these names, in any order, in upper or lower case.
 
-        Raises InputError: the scene lacks bands that the model needs.
+        Raises InputError if the scene lacks bands that the model needs.
         """
         if names == self.band_names:
             return self
@@ -178,12 +178,12 @@ class GlintModel:
 
     @property
     def index_bands(self) -> tuple[int, ...]:
-        """0-based bands of the glint indexes."""
+        """0-based bands that the glint indexes use, in ascending order."""
         return tuple(sorted({b for i in self.indexes for b in i.bands}))
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """Return a saved model if its bands and indexes exist and its lists agree in length; else raise ValueError."""
+    """Return the model if bands and indexes that it uses exist and its lists agree in length; else raise ValueError."""
     indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
     if not (

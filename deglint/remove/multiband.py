@@ -1,16 +1,16 @@
-"""Multiband: regression of every band on all longer bands, glint-free level at a low percentile.
+"""Multiband: regression of every band on all bands of longer wavelength, glint-free level at a low percentile.
 
 Several longer bands together predict glint better than the NIR alone. Least squares finds the best combination,
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
-with r over the bands from 640 nm on that are longer than i (only the NIR if wavelengths are not known), C the
-covariance over the sample, p_i0 the 5th percentile of p_i there. One reference, no ridge, percentile 0: Hedley's.
+with L_i the values of band i, r over the bands from 640 nm on that are longer than i (the NIR if wavelengths are not
+known), C the covariance in the sample, p_i0 the 5th percentile of p_i. One reference, no ridge and percentile 0 would
+be the method of Hedley.
 
 The method assumes that deep water is black, or uniform, in the references. Over shoals the red bands show the bottom,
-and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails,
-like all linear methods, where bands are not simultaneous. It costs one pass over the sample and one multiplication per
-pixel, band and reference.
+and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails
+where bands are not simultaneous. It costs one pass over the sample, and a multiplication per pixel, band and reference.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
-    """0-based bands on which a band is regressed: the longer ones from 640 nm on; if there are none, the NIR."""
+    """0-based bands on which a band is regressed: those of longer wavelength from 640 nm on; if none, the NIR."""
     own = request.bands[band].wavelength
     nir = {b for index in request.indexes for b in index.bands}
     if own is None or any(request.bands[b].wavelength is None for b in nir):
@@ -40,14 +40,14 @@ def references(request: FitRequest, band: int) -> tuple[int, ...]:
 
 
 def plan(request: FitRequest) -> SamplePlan:
-    """Statistics to gather: moments of the bands and their references, and single pixels for the percentile."""
+    """The statistics that `fit` needs: moments of bands and references, and single pixels for the percentile."""
     used = {r for b in request.correct for r in references(request, b)}
     indexes = tuple(GlintIndex((r,), (1.0,)) for r in sorted(used))
     return SamplePlan(request.correct, indexes, keep="index")
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """L'_i = L_i - (p_i - p_i0), with p_i the ridge regression of L_i on the longer bands.
+    """Fit L'_i = L_i - (p_i - p_i0), with p_i the ridge regression of band i on longer bands, p_i0 its percentile.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67,
@@ -67,7 +67,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights (reference,) and explained share of variance for a band; `band`, `references`: indices of variables."""
+    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: indices of variables."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

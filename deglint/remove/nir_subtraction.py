@@ -9,7 +9,7 @@ from .request import FitRequest, linear_model
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:
-    """R'_i = R_i - R_NIR.
+    """Make the model R'_i = R_i - R_NIR, with R_i the reflectance of band i.
 
     Dierssen, Zimmerman, Leathers, Downes, Davis (2003), "Ocean color remote sensing of seagrass and bathymetry in the
     Bahamas Banks by high-resolution airborne imagery", Limnology and Oceanography 48, 444-455,

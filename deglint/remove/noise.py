@@ -18,9 +18,9 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of the noise of a band over water, from second differences along columns in the darker half.
+    """Standard deviation of a band's noise over water, from second differences along columns in the darker pixels.
 
-    planes, inside : (row, column) of each tile, the values of the band and True where a pixel is used
+    planes, inside : for each tile, values of the band and mask of the pixels to use, (row, column) each
 
     After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """

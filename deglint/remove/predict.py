@@ -1,7 +1,7 @@
-"""Apply a model: predict the glint in each band, pixel by pixel or from a neighbourhood of the references.
+"""Apply a model: predict the glint in each band, pixel by pixel or from a neighbourhood, and subtract it.
 
-The result does not depend on tiles, to the bit. As the filters of OpenCV process the last columns of an image with
-other instructions, spare columns are added first and removed afterwards.
+The result is the same to the bit for any division into tiles. As the filters of OpenCV process the last columns of an
+image with other processor instructions, spare columns are added first and removed afterwards.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,12 +24,12 @@ SPARE = 16  # columns that are added: at least as many as OpenCV's filters proce
 def predictions(
     references: Mapping[int, FloatArray], model: GlintModel, origin: tuple[int, int] = (0, 0)
 ) -> Iterator[FloatArray]:
-    """Yield what a kernel model predicts for each band that it corrects, (row, column) in the unit of the NIR.
+    """Yield the glint index that a kernel model computes for each band it corrects, (row, column) [unit of the NIR].
 
-    references : (row, column) by 0-based band, finite; they are mirrored at their edges
-    origin : row and column in the scene of the first pixel
+    references : finite values, (row, column), of each reference, by its 0-based band; they are mirrored at the edges
+    origin : row and column in the scene of the first pixel [pixel]
 
-    If the model has two kinds of strips, their predictions are blended where they meet.
+    If the model has two kinds of detector strips, their predictions are blended where they meet.
     """
     import cv2
 
@@ -46,7 +46,7 @@ def predictions(
 
 
 def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
-    """Weighted sum of the references at the offsets of an index, (row, column) without the border of `wide`."""
+    """Filter references with the kernels of an index. `wide`: references with a border, which the result omits."""
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
@@ -70,16 +70,16 @@ def glint(
     origin: tuple[int, int] = (0, 0),
     crop: tuple[int, int, int, int] = (0, 0, 0, 0),
 ) -> tuple[dict[int, FloatArray], Mask | None]:
-    """Glint in each band that a kernel model corrects.
+    """Predict the glint in each band that a kernel model corrects.
 
-    block : (band, row, column), physical values, NaN where not valid; a tile needs `model.halo` more pixels around
+    block : (band, row, column), physical values, NaN where not valid; a tile needs a halo of `model.halo` pixels
     water : (row, column), True over water; in references, other pixels and NaN are replaced by the mean of water around
-    origin : row and column of the block in the scene, for strips [pixel]
-    crop : halo above, below, left and right [pixel]
+    origin : row and column in the scene of the first pixel of the block [pixel]; used if there are detector strips
+    crop : width of the halo above, below, left and right of the tile [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    and never negative unless the model is signed. Also returns a mask, (row, column), of water pixels that were
-    replaced in a reference, where they exceed their surroundings by more than glint does (see `clean`); None if none.
+    and never negative unless the model is signed. Also returns a mask (row, column) of the water pixels that are too
+    bright for glint, so that `clean` replaced them in a reference; None if there is no such pixel.
     """
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
@@ -107,7 +107,7 @@ def glint(
 
 
 def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> None:
-    """Raise InputError if a model does not fit a block and its mask."""
+    """Raise InputError if a block lacks the bands or the type that a model needs, or `where` has another shape."""
     check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
     check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
     if block.ndim != 3 or len(block) != len(model.band_names):
@@ -132,19 +132,19 @@ def apply(
         Physical values, NaN where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
-        True where pixels are corrected; others are copied bit for bit. For kernels it is also the mask of water.
+        True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.
     out : ndarray like block, optional
         Array for the result; may be `block` itself.
 
     Returns
     -------
     (band, row, column) ndarray
-        Same dtype as the block. A NaN in a band stays NaN; a NaN in a pointwise index makes the bands of the pixel NaN.
+        Same dtype as the block. NaN stays NaN; a NaN in a pointwise glint index makes corrected bands of the pixel NaN.
 
     Raises
     ------
     InputError
-        The block or the mask does not have the bands, the shape or the type that the model needs.
+        If the block or the mask does not have the bands, the shape or the type that the model needs.
 
     Examples
     --------

@@ -2,9 +2,9 @@
 
 A ship is as bright in the NIR as glint, and would be removed with it. Glint has nearly the same strength all over the
 sea. So a pixel that exceeds the mean of the water around it by more than glint does elsewhere is not glint, and is
-replaced by that mean. Land, nodata, and the mixed pixels along their edges are replaced in the same way.
+replaced by that mean. Land, nodata and the mixed pixels along their edges are replaced, too.
 
-Local means are computed from sums of integers, which are exact: the result does not depend on tiles, to the bit.
+Local means are computed from sums of integers, which are exact: any division into tiles gives the same result.
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,7 +28,7 @@ GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 22
 
 @dataclass(frozen=True, slots=True)
 class ReferenceRule:
-    """Criterion for pixels of a reference that exceed the water around them by more than glint does; plain values."""
+    """Rule that says which pixels of a reference band exceed the water around them by more than glint does."""
 
     band: int  # 0-based band that serves as reference
     limit: float  # largest excess of glint above the mean of the water around it [unit of the band]
@@ -39,18 +39,18 @@ class ReferenceRule:
 
     @property
     def halo(self) -> int:
-        """Number of pixels that `clean` needs around a tile: for three local means, and three edges."""
+        """Number of pixels that `clean` needs on every side of a tile, for three local means and three mixed edges."""
         return 3 * (LOCAL_MEAN // 2) + 3 * self.edge
 
 
 def fit_reference(
     looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False
 ) -> ReferenceRule:
-    """Fit the rule of a reference: measure on open water by how much glint exceeds its surroundings.
+    """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    looks : for each tile the values of the band, and True on open water away from shores, both (row, column)
+    looks : for each tile the values of the band, and a mask of open water away from shores, both (row, column)
     band : 0-based band of the reference
-    edge : width of mixed pixels [pixel]; 2 for a band of half the resolution
+    edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
     sparkle : pixels may resolve sparkle, of which few flashes are very bright: the limit is then at least the excess of
         one pixel in a million, extrapolated by a power law through the 99th and the 99.9th percentile of the excess
     """
@@ -77,18 +77,18 @@ def fit_reference(
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
-    """(row, column) slices of squares of `CELL` x `CELL` pixels where at least a share `LEAST_OPEN` is sample."""
+    """Yield (row, column) slices of the squares, `CELL` pixels wide, that the sample fills by `LEAST_OPEN` or more."""
     return (square for square in squares(sample.shape, CELL) if sample[square].mean() >= LEAST_OPEN)
 
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """Replace all pixels of a reference that are not open water, or too bright for glint, by the mean of water around.
+    """Replace pixels of a reference that are no open water, or too bright for glint, by the mean of the water around.
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
-    water : (row, column), with or without the ships on it
+    water : (row, column), True over water; ships may be True or False
 
-    Returns the reference, (row, column), in which pixels without water around them are 0; and a mask of the open water
-    that exceeds its surroundings by more than glint does, with the pixels next to it; None if there is no such pixel.
+    Returns the new reference, (row, column), which is 0 where there is no water around a pixel, and a mask of the open
+    water that was too bright for glint, with the pixels next to it; None instead of a mask if there is no such pixel.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
@@ -119,7 +119,7 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
 
 
 def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
-    """The values, quantised as in the rule; undefined where they are not finite."""
+    """Values of a reference, quantised to integers by the rule's `low` and `step`; undefined where not finite."""
     counted = values - values.dtype.type(rule.low)
     counted /= values.dtype.type(rule.step)
     with np.errstate(invalid="ignore"):
@@ -127,7 +127,7 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Sum of the quantised values of pixels `kept` in a square around each pixel, and number of pixels in the sum."""
+    """Sum of quantised values over those pixels around each pixel that are `kept`, and number of pixels in the sum."""
     import cv2
 
     some = grains if kept.all() else grains * kept
@@ -135,5 +135,5 @@ def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.in
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
-    """Local means from the results of `_sums` [unit of the band]; `rule.low` where the number of pixels is 0."""
+    """Local means [unit of the band] from the sums and numbers of pixels of `_sums`; `rule.low` if a number is 0."""
     return np.asarray(total / np.maximum(count, 1) * rule.step + rule.low)

@@ -27,7 +27,7 @@ class FitRequest:
     bands: tuple[Band, ...]  # all bands of the scene
     correct: tuple[int, ...]  # 0-based bands to correct
     indexes: tuple[GlintIndex, ...]  # NIR references; their levels are not used
-    follows: tuple[int | None, ...]  # place in `indexes` for each band of `correct`; None: the index with highest R2
+    follows: tuple[int | None, ...]  # position in `indexes` for each band of `correct`; None: the index with highest R2
     regression: str = "ols"  # key of `REGRESSIONS`
     floor_percentile: float = 0.0  # percentile that is the level of hedley and multiband [%]; 0: their default
     rrs_factor: float = math.pi  # ratio of the values to remote-sensing reflectance [sr]; pi for reflectance
@@ -55,7 +55,7 @@ class FitRequest:
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
-        """0-based band nearest to a wavelength; BandError if none lies within the tolerance `within` (both [nm])."""
+        """0-based band nearest to `wavelength` [nm]; BandError, naming `method`, if it is not `within` [nm] of it."""
         known = [(abs(b.wavelength - wavelength), i) for i, b in enumerate(self.bands) if b.wavelength]
         if not known or min(known)[0] > within:
             listed = ", ".join(f"{b.name} {b.wavelength or '?'} nm" for b in self.bands)
@@ -67,7 +67,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics to gather for a regression: moments, and single pixels if it needs them or `keep_index` is True."""
+    """The statistics that a regression needs: moments, and values of pixels if it or `keep_index` requires them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index
@@ -81,10 +81,10 @@ def linear_model(
     stats: SampleStatistics | None = None,
     slopes: Float64 | None = None,
 ) -> GlintModel:
-    """The model of a method, with the level of each index.
+    """Make the model of a method from the glint-free level of each index, `levels`, and the slopes, (band, index).
 
-    Without `stats` (no sample) all slopes are 1. With `stats` but without `slopes` (band, index), the regression of the
-    request determines the slopes and their standard errors.
+    If `slopes` is None, the regression that the request names determines the slopes and their standard errors from the
+    statistics of the sample. If there is no sample (`stats` is None), all slopes are 1.
     """
     shape = len(request.correct), len(request.indexes)
     regression, n, errors, r2 = None, 0, np.full(shape, np.nan), np.full(shape, np.nan)
@@ -106,7 +106,7 @@ def linear_model(
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
-    """Raise FitError if the sample does not allow a fit."""
+    """Raise FitError if the sample has too few pixels, the NIR does not vary in it, or squares of values overflow."""
     if stats.regressed.n < MIN_PIXELS:
         raise FitError(
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "
@@ -131,7 +131,7 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
 
 
 def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:
-    """Warnings about a small or uniform sample, bands that the index does not explain, and unreliable slopes."""
+    """Warnings, as texts: the sample is small or uniform, the index explains little of a band, a slope is uncertain."""
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")

@@ -1,7 +1,7 @@
 """Statistics of the sample for a fit, gathered tile by tile and merged, and the regression of the bands with them.
 
-The result is the same to the bit for any tiles aligned with the cells of `deglint.moments` and any number of threads:
-moments are merged by cell, single pixels are selected by their position in the scene, and ties are broken by position.
+The result is the same to the bit for any tiles aligned with the cells (squares of pixels) of `deglint.moments` and any
+number of threads: moments are merged by cell, pixels are selected by position, and position decides between equals.
 
 Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
 cells (the cluster-robust estimate of Liang and Zeger 1986), else between pixels as if they were independent. A cell
@@ -39,7 +39,7 @@ PAIRED_PIXELS = 2_000  # most pixels in the Theil-Sen regression, which uses all
 
 @dataclass(frozen=True)
 class SamplePlan:
-    """Which statistics of a sample to gather."""
+    """Which statistics of a sample `gather` computes: for which bands and glint indexes, and with which options."""
 
     bands: tuple[int, ...]  # 0-based bands to fit
     indexes: tuple[GlintIndex, ...]  # glint indexes to regress on; their levels are not used
@@ -50,18 +50,18 @@ class SamplePlan:
 
     @property
     def read_bands(self) -> tuple[int, ...]:
-        """0-based bands that `gather` expects in its block, in this order."""
+        """0-based bands that the block given to `gather` must contain, in this order."""
         return tuple(sorted(set(self.bands) | {b for i in self.indexes for b in i.bands}))
 
     @property
     def halo(self) -> int:
-        """Number of pixels that `gather` needs around a tile."""
+        """Number of pixels that `gather` needs on every side of a tile."""
         return self.detrend_size // 2
 
 
 @dataclass(frozen=True, eq=False)
 class Extreme:
-    """The pixel of a sample with the smallest or with the largest glint index."""
+    """The pixel of a sample with the smallest, or with the largest, value of a glint index."""
 
     value: float  # glint index
     place: tuple[int, int]  # row and column in the scene
@@ -70,7 +70,7 @@ class Extreme:
 
 @dataclass(frozen=True, eq=False)
 class SampleStatistics:
-    """Statistics of a sample, or of its part in a tile; variables are the plan's bands, then its indexes."""
+    """Statistics of a sample, or of its part in a tile; variables are the bands, then the indexes, of the plan."""
 
     plan: SamplePlan
     raw: CellMoments  # moments of the variables
@@ -82,12 +82,12 @@ class SampleStatistics:
 
     @cached_property
     def moments(self) -> Moments:
-        """Moments of the variables over all cells, not detrended."""
+        """Moments of the variables over the whole sample; local means are not subtracted."""
         return self.raw.total()
 
     @cached_property
     def regressed(self) -> Moments:
-        """Moments over all cells of the variables to which slopes are fitted (see `cells`)."""
+        """Moments, over the whole sample, of the variables for the slopes: minus local means if the plan says so."""
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
@@ -136,7 +136,7 @@ def gather(
 
 
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:
-    """Merge the statistics of some tiles; the result is the same to the bit for any order of the parts.
+    """Merge the statistics of several tiles; the result is the same to the bit for any order of the parts.
 
     parts : at least one, gathered with this plan or with a plan that keeps more single pixels
     plan : says which single pixels are kept, and which cells are merged into one
@@ -153,12 +153,12 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """For each index the pixel with the smallest value times `sign`; the first in the scene if several are equal."""
+    """Darkest (`sign` 1) or brightest (-1) pixel in each index, from those of several tiles; the first of equals."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """For each index, `variables[bands:]`, the first pixel of the mask with the least `sign` times index, if any."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index, `variables[bands:]`; the first of equals."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
@@ -168,13 +168,13 @@ def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, 
 
 
 def least_squares(stats: SampleStatistics) -> Float64:
-    """Slopes (band, index) by ordinary least squares, cov(band, index) / var(index), detrended if the plan says so."""
+    """Slopes (band, index) by least squares, cov(band, index) / var(index); local means are subtracted if planned."""
     bands = len(stats.plan.bands)
     return np.asarray(stats.regressed.comoment[:bands, bands:] / np.diag(stats.regressed.comoment)[bands:])
 
 
 def huber(stats: SampleStatistics) -> Float64:
-    """Slopes (band, index) by Huber's M-estimate (epsilon 1.35, scikit-learn) on at most `ROBUST_PIXELS` pixels."""
+    """Slopes (band, index) by Huber's M-estimator (epsilon 1.35, scikit-learn) from at most `ROBUST_PIXELS` pixels."""
     from sklearn.linear_model import HuberRegressor
 
     def slope_of(x: Float64, y: Float64) -> float:
@@ -189,7 +189,7 @@ def huber(stats: SampleStatistics) -> Float64:
 
 
 def theil_sen(stats: SampleStatistics) -> Float64:
-    """Slopes (band, index): median slope over all pairs (SciPy) of at most `PAIRED_PIXELS` pixels of the sample."""
+    """Slopes (band, index): median of the slopes of all pairs (SciPy) among at most `PAIRED_PIXELS` pixels."""
     from scipy.stats import theilslopes
 
     with np.errstate(invalid="ignore"):  # of an interval that is not asked for, where values are tied
@@ -206,7 +206,7 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
-    """Standard errors of slopes (band, index), between cells; with few cells, as if pixels were independent.
+    """Standard errors of slopes (band, index), from differences between cells, or between pixels if cells are few.
 
     Between G cells the error is ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the comoment of the index,
     h_c the share of cell c in it, and s_c the score of the cell: the comoment of the index with the residual.
@@ -259,8 +259,8 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """References of a band: their indices among the variables of the plan, and their weights (reference,). The only
-    reference is the glint index of the band if the plan has it; else the references are the bands of this glint index.
+    """Indices of a band's references among the variables of the plan, and their weights: the glint index of the band
+    with its slope, if the plan has this index; else the bands of the glint index with their weights.
     """
     index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
     one = (index.bands, index.weights) in planned
@@ -269,7 +269,7 @@ def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
 
 
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:
-    """R2 (band, index) of each band for the given slopes (band, index); 0 for a band that does not vary."""
+    """R2 (band, index): share of a band's variance that given slopes (band, index) explain; 0 if a band is constant."""
     bands = len(stats.plan.bands)
     comoment = stats.regressed.comoment
     total, cross, power = np.diag(comoment)[:bands, None], comoment[:bands, bands:], np.diag(comoment)[bands:]
@@ -278,7 +278,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
-    """Slopes (band, index) = `slope_of`(values of the index, of the band) in `most` pixels at most, evenly spread."""
+    """Slopes (band, index), each from `slope_of`(index values, band values) of at most `most` pixels, evenly spread."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

@@ -2,8 +2,8 @@
 
 The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
 that waves are displaced in opposite directions in neighbouring strips. There are therefore two kinds of strips, and one
-kernel for both would fit neither. The kind at a pixel is known from the footprints in the product, or determined from
-the image: the kernels of the two kinds are mirror images of each other.
+kernel for both would fit neither. The kind at a pixel is known from the footprints of the detectors in the metadata, or
+determined from the image: the kernels of the two kinds are mirror images of each other.
 """
 
 from __future__ import annotations
@@ -26,21 +26,20 @@ LEAST_SQUARES_OF_KIND = 2  # fewest squares of each kind of strip in the sample,
 
 @dataclass(frozen=True, slots=True)
 class Strips:
-    """Kind of strip in which each square of `CELL` x `CELL` pixels lies; the kinds have opposite band delays."""
+    """Map of two kinds of detector strips, which have opposite band delays, in squares of `CELL` x `CELL` pixels."""
 
     rows: tuple[str, ...]  # one text per row of squares: "0" for a square of the first kind, "1" of the second
 
     @classmethod
     def of(cls, second: Mask) -> Strips:
-        """Make the strips from a mask (row of squares, column of squares), True for the second kind."""
+        """Make the map from a mask, (row of squares, column of squares), that is True for the second kind of strip."""
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 
     def share(self, rows: tuple[int, int], columns: tuple[int, int]) -> npt.NDArray[np.float32]:
-        """Weight of the second kind of strip, 0 to 1, at each pixel (row, column) of a window; it changes gradually.
+        """Weight of the second kind of strip, 0 to 1, at each pixel of a window, (row, column).
 
-        rows, columns : first and last + 1 of the window in the scene [pixel]
-
-        The weight is interpolated bilinearly between the centres of the squares. It does not depend on the window.
+        It is interpolated bilinearly between the centres of the squares, so it does not depend on the window. `rows`
+        and `columns` are the first, and the last + 1, row and column of the window in the scene [pixel].
         """
         kind = np.array([[c == "1" for c in row] for row in self.rows], np.float32)
         (top, low, down), (left, right, across) = (
@@ -52,7 +51,7 @@ class Strips:
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; its place between, 0..1."""
+    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; weight of the latter."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
@@ -61,8 +60,8 @@ def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one kernel; else None.
 
-    In turn, each square is assigned to the kernel with the smaller residual, and each kernel is fitted to its squares.
-    The start is the kernel of all squares and its mirror image.
+    The sample consists of squares. In turn, each square is assigned to the kernel with the smaller residual, and each
+    kernel is fitted to its squares. The first kernels are the kernel fitted to all squares and its mirror image.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
@@ -79,22 +78,23 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
 
 
 def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
-    """Mask (square,) of the squares that the second of two kernels explains better."""
+    """Mask (square,) of the squares of a sample in which the second of two kernels leaves the smaller residual."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Sum over the bands, (square,), of the residual power of a 3 x 3 kernel divided by the band's total power."""
+    """Residual power of a 3 x 3 kernel in each square, (square,), relative to each band's power, summed over bands."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
 
 
 def filled(known: npt.NDArray[np.int8]) -> Mask:
-    """Mask of the squares of the second kind, (row of squares, column of squares).
+    """Complete a map of the kinds of strips; return a mask, (row of squares, column of squares), of the second kind.
 
-    Unknown squares (-1) take the kind (0, 1) of the nearest known square; isolated ones, that of most neighbours.
+    `known` is 0 or 1, the kind, or -1 if not known. Unknown squares take the kind of the nearest known square. Then
+    isolated squares take the kind of most of their neighbours.
     """
     import cv2
     from scipy.ndimage import distance_transform_edt

@@ -5,12 +5,12 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 R_r is a reference, read at the offsets o: the NIR taken at the time of the band, then SWIR or another NIR if there is
 one, with ships, surf and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by
 least squares over open water, with a local plane subtracted from every band (`deglint.remove.kernels`). They model
-displacement and blur between the glint of two bands, and average the noise of the reference. The sum of coefficients of
-a kernel (response to uniform glint) is drawn toward the spectrum of glint (`shared_glint`); all bands are corrected, or
-none. The levels p_b0 are found together (`levels`). Hedley's method has one pixel, no plane, the minimum as level.
+displacement and blur between the glint of two bands, and average the noise of the reference. The sum of a kernel
+(response to uniform glint) is shifted toward the spectrum of glint (`shared_glint`). All bands are corrected, or none.
+The levels p_b0 are found together (`levels`). With one pixel, no plane and the minimum as level it is Hedley's method.
 
-The method fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its
-level), for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
+It fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
+for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ SUN_ZENITH = 40.0
 
 @dataclass(frozen=True, eq=False)
 class SampleTile:
-    """A training tile of a scene."""
+    """A part of a scene to which a removal is fitted: the pixels, the mask of water, and the mask of the sample."""
 
     block: FloatArray  # (band, row, column) physical values of all bands of the scene, NaN where not valid
     water: Mask  # (row, column), True over water; references are replaced elsewhere
@@ -71,17 +71,17 @@ class SampleTile:
 def fit(
     request: FitRequest, tiles: Sequence[SampleTile], *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
 ) -> GlintModel:
-    """Fit kernels, responses and level.
+    """Fit the kernel of each band, its response (the sum of the kernel) and its glint-free level.
 
-    request : with regression "ols" no local plane is subtracted, and responses are not drawn to the expected spectrum
-    tiles : spread over the scene; 0.3 million pixels are enough
-    strips : strips of detectors with opposite band delays, which get separate kernels; or a function that finds them in
-        the whole scene. It is called if the sample shows two kinds; its argument is a function that takes a tile and
-        returns the places and kinds of the tile's squares
+    request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
+    tiles : parts of the scene, spread over it; 0.3 million pixels are enough
+    strips : map of the detector strips with opposite band delays, which get separate kernels; or a function that makes
+        the map of the whole scene. It is called if the sample shows two kinds of strips. Its argument is a function
+        that takes a tile, and returns the positions and kinds of the squares of the tile
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
-    Raises FitError: too little open water.
+    Raises FitError if there is too little open water.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
@@ -118,7 +118,7 @@ def fit(
 
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequence[int]) -> dict[int, ReferenceRule]:
-    """Rule for pixels that are not glint, by reference (0-based band)."""
+    """Rule for each reference, by its 0-based band, that says which pixels are too bright for glint."""
     known = [t.sample & np.isfinite(t.block[references]).all(axis=0) for t in tiles]
     rules = {}
     for r in references:
@@ -131,13 +131,13 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Row and column (square, 2), kind (square,) of a tile's squares with enough water; `pair`: kernel of each kind."""
+    """Row and column of a tile's squares, (square, 2); True, (square,), if the second kernel of `pair` fits better."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Gram matrices of the squares of a sample; outliers are included only if no squares remain without them."""
+    """Gram matrices of a sample's squares for a set of bands; outliers are used only if no square is left without."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     for outliers in (False, True):
         parts = []
@@ -152,7 +152,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split the squares of each set of bands by kind of strip, (kind, set); one kind if either has too few squares."""
+    """Split `grams` (one for each set of bands) by kind of strip, [kind][set]; not if one kind has too few squares."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -161,7 +161,7 @@ def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]
 
 
 def band_sets(request: FitRequest) -> list[BandSet]:
-    """Group the bands to correct by references: NIR of the same time, SWIR or another NIR, and `FitRequest.more`."""
+    """Group the bands to correct by their references: their NIR, a SWIR or another NIR, and bands of `request.more`."""
     out: dict[tuple[int, ...], list[int]] = {}
     # SWIR near 1610 nm, which does not show turbid water; then a second NIR
     waves = [b.wavelength or 0.0 for b in request.bands]
@@ -176,7 +176,7 @@ def band_sets(request: FitRequest) -> list[BandSet]:
 
 
 def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
-    """Supports to try for bands with these references; `waves`: wavelength of each band of the scene [nm]."""
+    """Supports (side of the kernel on each of `references` [pixel]) to try; `waves`: wavelength of each band [nm]."""
     count = len(references)
     if count == 1:
         return kernels.SUPPORTS
@@ -185,7 +185,7 @@ def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tupl
 
 
 def _serves(band: Band) -> bool:
-    """Whether a band shows no signal of the water: from 750 nm on, without the bands of water vapour."""
+    """Whether a band shows no signal of the water: it is in 750 to 2400 nm, and not in a band of water vapour."""
     if not band.wavelength or band.wavelength < 750:
         return False
     narrow = band.width is not None and band.width < 40
@@ -195,7 +195,7 @@ def _serves(band: Band) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Learnt:
-    """A tile with cleaned references."""
+    """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
 
     references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
     bands: list[FloatArray]  # (row, column) of each band to correct
@@ -205,7 +205,7 @@ class _Learnt:
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
-    """Clean the references of a tile; pixels replaced as too bright, or not finite, are excluded from its sample."""
+    """Replace ships, surf and land in the references of a tile; the sample excludes these, and pixels with NaN."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -218,7 +218,7 @@ def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
     """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
 
     Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; a fit to faint
-    glint has weights instead. The bottom (see `UNLIKE`) is not searched where waves are resolved: glint varies as much.
+    glint has weights instead. If waves are resolved, bottom (`UNLIKE`) is not excluded, as glint varies as much.
     """
     high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
@@ -236,9 +236,9 @@ def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
 
 
 def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
-    """Variance of each band in a square that regression on the first reference leaves, (band, row, column).
+    """Variance of each band around each pixel, (band, row, column), that regression on the first reference leaves.
 
-    high : (reference and band, row, column) minus local means, finite `inside`; `references` planes come first
+    high : (plane, row, column), all minus local means, finite `inside`: first `references` references, then the bands
     """
     total = partial(box_sum, side=LOCAL_MEAN)
     nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
@@ -254,9 +254,9 @@ def _model(
     rules: dict[int, ReferenceRule],
     shared: tuple[Float64, Float64, Float64],
 ) -> GlintModel:
-    """The model: kernels (`fitted`, for each kind of strip) scaled to the responses that all bands share; levels are 0.
+    """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses.
 
-    shared : weights of the bands in the common glint, their shared responses, and the covariance of the responses
+    shared : weights and new responses of the bands, as `shared_glint` returns them, and the covariance of responses
     """
     weights, response, covariance = shared
     slopes = [float(s) if s > 0 else 1.0 for s in response]  # change of a band if its NIR increases by 1 everywhere
@@ -279,7 +279,7 @@ def _model(
 def _indexes(
     fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
 ) -> tuple[GlintIndex, ...]:
-    """A kernel for each band, changed from its response s to the posterior response s', divided by the band's slope.
+    """Glint index of each band: its kernel, changed from the response s to the new response s', divided by its slope.
 
     k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
     `shared`, scaled to the response 1.
@@ -371,7 +371,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
 
 
 def _colours(request: FitRequest) -> list[Float64]:
-    """Possible spectra of glint over that in the NIR, (band,): all 1; and the sun's if all are within 300..1000 nm."""
+    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if all bands are 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

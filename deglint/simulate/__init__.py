@@ -1,4 +1,4 @@
-"""Synthetic scenes of the sea with their ground truth: pure functions from a `Setup` to arrays.
+"""Synthetic scenes of the sea with their ground truth, computed from a `Setup` (the parameters of a scene).
 
 `simulate(Setup(...))` returns a `SimulatedScene`; `simulate_together` returns one for each of several sensors that see
 the same sea. `deglint.raster.simulated` writes them to files.

@@ -1,4 +1,4 @@
-"""Compiled loop over the facets of `deglint.simulate`."""
+"""Compiled loop over the facets of the sea surface in `deglint.simulate`."""
 
 import math
 
@@ -9,13 +9,13 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def reflect(slopes, sparkle, out, rows, wind, glint, table):  # type: ignore[no-untyped-def]
-    """Fill the two arrays (row, column) of `out`: density of slopes at the slope that glints [1], reflected sky [1/sr].
+    """Fill both arrays (row, column) of `out`: density of slopes at the glinting slope [1], reflected sky [1/sr].
 
-    `slopes` (row, column) complex is the slope of each facet, east + i * north; `rows` is (first row, last row + 1).
-    `sparkle` is the result of `facets._draw_sparkle` (amplitudes, index into frequencies, frequencies), and the time
-    [s]. `wind` is the sine and cosine of the azimuth that the wind blows from, and factors on the upwind and the
-    crosswind slopes. `glint` is the upwind and the crosswind slope that glints, and the variances of both slopes within
-    a facet. `table` is the result of `facets._sky_table`, and the first slope and the step of slope of both its axes.
+    The glinting slope is the one that reflects the sun into the sensor. `slopes` (row, column) is complex: the slope of
+    each facet, east + i * north. `rows` is (first row, last row + 1). `sparkle` is the result of
+    `facets._draw_sparkle`, followed by time [s]. `wind` is (sine and cosine of the azimuth that the wind blows from,
+    factors on the upwind and crosswind slopes). `glint` is (upwind and crosswind glinting slope, variances of both
+    slopes within a facet). `table` is (result of `facets._sky_table`, first slope, step of slope).
     """
     amplitudes, choice, frequencies, time = sparkle
     density, sky = out

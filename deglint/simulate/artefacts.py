@@ -16,7 +16,7 @@ Kernel = Literal["bilinear", "cubic", "lanczos"]
 
 KERNELS = get_args(Kernel)
 GRID_SHIFT = 0.5
-"""Offset of the sensor's grid from the map's grid, down and right [pixel]; half a pixel blurs most, when resampled."""
+"""Offset of the sensor's grid from the map's grid, down and right [pixel]; resampling by half a pixel blurs most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,11 +26,11 @@ class Artefacts(Checked):
     Attributes
     ----------
     striping : float
-        Standard deviation of the gain from column to column [1], with separate gains for each band; 0.02 is 2 %.
+        Standard deviation of the gain of the columns [1]; 0.02 is 2 %. Each band has its own gains.
     resampling : {"bilinear", "cubic", "lanczos"}, optional
         How the image is interpolated from the sensor's grid, which is offset by `GRID_SHIFT` pixels, to the map's grid.
     jpeg : int, optional
-        Quality of a JPEG compression, 1 to 100. Each band is compressed separately, in 8 bits; see `compress`.
+        Quality of a JPEG compression, 1 to 100. Each band is compressed separately with 8 bits, as in `compress`.
     """
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
@@ -47,7 +47,7 @@ def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> 
 def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
     """Interpolate a band from the sensor's grid, which lies `GRID_SHIFT` pixels down and right, to the map's grid.
 
-    `numbers` are digital numbers (row, column), `levels` is the largest digital number of the sensor.
+    `numbers` are digital numbers (row, column); `levels` is the largest digital number of the sensor and the result.
     """
     import cv2
 

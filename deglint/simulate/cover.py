@@ -37,9 +37,9 @@ class FloatingTarget(Checked):
     length, width : float
         Size of the hull [m].
     speed, heading : float
-        Speed [m/s], and azimuth of motion and bow [degree], clockwise from north, which is up in the image.
+        Speed [m/s], and azimuth of the motion and of the bow [degree], clockwise from north (up in the image).
     material, wake : str, float
-        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the wake of foam [m].
+        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake behind it [m].
     """
 
     right: float
@@ -53,7 +53,7 @@ class FloatingTarget(Checked):
 
 
 class Cover:
-    """What covers the sea of a setup: land, foam and floating targets. Labels of facets are indices in `materials`."""
+    """Land, foam and floating targets of a setup. The label of a facet is the index of its material in `materials`."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -81,14 +81,14 @@ class Cover:
         np.copyto(self._fixed, kind.astype(np.uint16), where=(right > shore) & (right < end))
 
     def at(self, time: float) -> Labels:
-        """Label of each facet, (row, column), at a time [s] after the first band; 0 is water without cover."""
+        """Label of each facet (index in `materials`), (row, column), at a time [s] after the first band; 0 is water."""
         labels = self._fixed.copy()
         for number, target in enumerate(self.setup.targets, start=len(BASE)):
             self._draw(labels, target, number, time)
         return labels
 
     def _draw(self, labels: Labels, target: FloatingTarget, number: int, time: float) -> None:
-        """Draw in `labels` a hull with a pointed bow (label `number`), and its foam wake, wider and sparser behind."""
+        """Draw a target in `labels` at a time [s] after the first band: its hull (label `number`) and its foam wake."""
         facet, azimuth, way = self.setup.facet, np.radians(target.heading), target.speed * time
         right, down = target.right + way * float(np.sin(azimuth)), target.down - way * float(np.cos(azimuth))
         reach = target.length + target.width + target.wake
@@ -115,14 +115,14 @@ class Cover:
         part[(np.abs(along) <= 0.5 * target.length) & (np.abs(across) <= half * taper)] = number
 
     def kinds(self, labels: Labels) -> Labels:
-        """Convert labels to values of the cover raster: `WATER`, `LAND`, `FOAM` or `TARGET`."""
+        """Convert labels (indices in `materials`) to values of the cover raster: `WATER`, `LAND`, `FOAM`, `TARGET`."""
         table = np.full(len(self.materials), TARGET, np.uint8)
         table[:4] = WATER, LAND, LAND, FOAM
         return table[labels]
 
 
 def whitecaps(wind: float) -> float:
-    """Share of the open sea that whitecaps cover [1], for a wind U at 10 m [m/s]: ``2.95e-6 U**3.52``, at most 1.
+    """Share of the open sea that whitecaps cover [1]: ``2.95e-6 U**3.52`` for a wind speed U at 10 m [m/s], at most 1.
 
     References
     ----------

@@ -1,9 +1,9 @@
-"""The sea surface as facets: sun glint and sky radiance that each facet reflects to the sensor.
+"""The sea surface as facets (the cells of a grid): sun glint and sky radiance that each reflects to the sensor.
 
-Waves that the grid resolves tilt each facet; the rest of the measured slope variance is unresolved. A share of the
-unresolved variance, the sparkle, tilts each facet as a whole and varies in time according to the wave spectrum; the
-remainder is a Gaussian distribution of slopes within each facet. The mean glint over many scenes is therefore the glint
-of `deglint.physics.glint`. Results depend on the band only through its time.
+Waves that the grid resolves tilt each facet; the rest of the slope variance that Cox and Munk measured is unresolved.
+A share of the unresolved variance, the sparkle, tilts each facet as a whole and varies in time according to the wave
+spectrum; the remainder is a Gaussian distribution of slopes within each facet. Therefore, the mean glint over many
+scenes equals the glint of `deglint.physics.glint`. Bands differ only in the times at which they see the facets.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ TABLE_REACH, TABLE_STEP = 1.5, 0.03  # largest slope, and step of slope, in the 
 
 
 class Facets:
-    """The facets of one scene, drawn at random; pairs of numbers are (upwind, crosswind).
+    """The facets of one scene, drawn at random. Attributes that are pairs are (upwind, crosswind).
 
     Notes
     -----
@@ -61,9 +61,9 @@ class Facets:
         return slopes.from_wind_axes(up * self.slope_scale[0], cross * self.slope_scale[1], self.setup.wind_from)
 
     def at(self, time: float, *, workers: int = 1) -> tuple[Floats, Floats]:
-        """Density of slopes at the slope that glints [1], and reflected sky per diffuse irradiance [1/sr], at a time.
+        """Density of slopes in a facet at the slope that reflects the sun to the sensor [1], and reflected sky [1/sr].
 
-        Both are (row, column) of facets, float32. `time` is after the first band [s]. `workers` does not change values.
+        Both are (row, column) of facets, at a `time` [s] after the first band. The sky is per diffuse irradiance.
         """
         from ._kernels import reflect
 
@@ -96,11 +96,11 @@ def sparkle_share(patch: float, facet: float) -> float:
 def _draw_sparkle(
     setup: Setup, variance: tuple[float, float], seed: np.random.SeedSequence, workers: int
 ) -> tuple[Any, Any, Any]:
-    """Draw the sparkle: amplitudes of slope and an index into the frequencies for each facet, and frequencies [rad/s].
+    """Draw the sparkle at random: slope amplitudes [1] and index of the frequency of each facet; frequencies [rad/s].
 
     `variance` is the slope variance of the sparkle (upwind, crosswind). Amplitudes (row, column, 4) are factors on the
-    cosine and the sine in time for the upwind slope, then for the crosswind slope. Amplitudes and index (row, column)
-    are empty if there is no sparkle.
+    cosine and the sine in time for the upwind slope, then for the crosswind slope. The index is (row, column); it and
+    the amplitudes are empty if there is no sparkle.
     """
     if max(variance) <= 0:
         return np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.uint16), np.zeros(1)
@@ -124,8 +124,8 @@ def sparkle_frequencies(sea: Sea, facet: float) -> Floats:
 def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float]) -> float:
     """Glint radiance per unit of Gaussian slope density and of irradiance on a plane facing the sun [1/sr].
 
-    It includes the density of the slope model divided by that of the Gaussian at `glinting`, the slope (upwind,
-    crosswind) of `facet`, which reflects the sun into the sensor; it is 0 if the Gaussian is 0.
+    `facet` reflects the sun into the sensor, and `glinting` is its slope (upwind, crosswind). The result includes the
+    ratio of the density of the slope model to the Gaussian density at this slope; it is 0 if the latter is 0.
     """
     series = slopes.density(*glinting, slopes.wind_at_height(setup.wind), model=setup.slopes)
     plain = slopes.gaussian(*glinting, *setup.slope_variance)
@@ -134,7 +134,7 @@ def _glint_factor(setup: Setup, facet: glint.Facet, glinting: tuple[float, float
 
 
 def _sky_table(setup: Setup, about: tuple[float, float]) -> Floats:
-    """Sky radiance reflected by a facet per diffuse irradiance [1/sr], (upwind slope, crosswind slope) float32.
+    """Table (upwind slope, crosswind slope) of the sky radiance that a facet reflects per diffuse irradiance [1/sr].
 
     The radiance is weighted by the area of the facet that the sensor sees, and smoothed over the slopes within a facet,
     with the variances `about` (upwind, crosswind).

@@ -1,8 +1,8 @@
 """Reflectance spectra of materials other than water.
 
 The values are rounded and typical of Lambertian surfaces; between the wavelengths of the table they are interpolated
-linearly. Sand and algae: Lee et al. (1999), fig. 2, and Hochberg et al. (2003), doi:10.1016/S0034-4257(02)00201-8.
-Foam: 0.5 in the visible, less in the NIR, as Frouin et al. (1996) measured, doi:10.1029/96JC00629.
+linearly. Those of sand and algae follow Lee et al. (1999), fig. 2, and Hochberg et al. (2003),
+doi:10.1016/S0034-4257(02)00201-8. Foam is 0.5 in the visible, less in NIR: Frouin et al. (1996), doi:10.1029/96JC00629.
 """
 
 import numpy as np

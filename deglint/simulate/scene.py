@@ -1,4 +1,4 @@
-"""Make a synthetic scene and its truth: light, facets and optics of each band, then noise."""
+"""Make a synthetic scene and its truth: compute light, facets and optics of each band, then add noise."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ DEPTH_STEPS = 128  # number of depths at which the light over a bottom is comput
 class Light:
     """Mean light in each band of a setup: irradiances (band,) [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1].
 
-    Irradiances follow Gregg and Carder (1990), radiances of deep case-1 water and objects `deglint.physics.water`.
+    Irradiances follow Gregg and Carder (1990); radiances of case-1 water and objects follow `deglint.physics.water`.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -39,7 +39,7 @@ class Light:
         deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
         def over(depth: Floats | float, albedo: Floats | float) -> Floats:
-            """Water-leaving radiance (band, ...) over a flat Lambertian ground of a reflectance [1] at a depth [m]."""
+            """Water-leaving radiance (band, ...) over Lambertian ground with reflectance `albedo` at a depth [m]."""
             column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
             seen = water.submerged_reflectance(
                 Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
@@ -77,10 +77,10 @@ class SimulatedScene:
     light : Light
         Light in each band.
     image : uint16 ndarray
-        Digital numbers of the sensor; times `Sensor.scale` they are radiance.
+        Digital numbers of the sensor; multiplied by `Sensor.scale`, they are radiance.
     truth : float32 ndarray
-        Water-leaving radiance plus reflected sky, blurred by the optics, without sun glint and without noise. Land,
-        foam and floating targets are in it.
+        Water-leaving radiance plus reflected sky, blurred by the optics, without sun glint and without noise. It also
+        contains land, foam and floating targets.
     truth_water : float32 ndarray
         `truth` without the reflected sky.
     truth_image : uint16 ndarray
@@ -98,7 +98,7 @@ class SimulatedScene:
     resolved_slope_variance : (float, float)
         Expected variance of the upwind and crosswind slopes of the resolved waves on this grid [1].
     cover : (band, row, column) uint8 ndarray or None
-        0 open water, 1 land, 2 foam, 3 floating target, at the time of the band; None if nothing covers the sea.
+        0 for open water, 1 land, 2 foam, 3 floating target, at the time of the band; None if the setup has no cover.
     depth : (row, column) float32 ndarray or None
         Depth of the bottom [m]; None if the setup has no bottom.
     """
@@ -122,9 +122,9 @@ class SimulatedScene:
 def simulate(
     setup: Setup, *, workers: int = 1, keep_surface: bool = False, progress: Progress | None = None
 ) -> SimulatedScene:
-    """Simulate a scene.
+    """Simulate a scene of the sea, and its truth.
 
-    Raises InputError: the grid cannot hold the waves, or a value lies outside the range of a model.
+    Raises InputError if the grid cannot hold the waves, or if a value lies outside the range of a model.
 
     Parameters
     ----------
@@ -144,9 +144,9 @@ def simulate(
 
     Notes
     -----
-    The sea is computed once for bands that are simultaneous. Waves bend neither the light that leaves the water nor the
-    outlines of objects; multiple reflections, and waves that hide other waves, are not modelled. Pixels are squares on
-    the sea also in an oblique view. Memory: about 60 bytes per facet.
+    The sea is computed once for bands that are simultaneous. The model has no refraction of the water-leaving light by
+    waves, which would distort the outlines of objects, no multiple reflections, and no waves that hide other waves.
+    Pixels are squares on the sea also in an oblique view. A facet takes about 60 bytes of memory.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def simulate_together(
 ) -> tuple[SimulatedScene, ...]:
     """Simulate one sea for several sensors, which may differ in optics, noise and band delays.
 
-    Raises InputError: as in `simulate`, or the setups are of different seas.
+    Raises InputError as `simulate` does, and if the setups describe different seas.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def simulate_together(
 
     Notes
     -----
-    The sea is drawn once, moved once to the time of each band, and transformed once for all optics.
+    The random sea is drawn once, computed once for the time of each band, and Fourier-transformed once for all optics.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def simulate_together(
 
 
 class _World:
-    """Bottom, submerged objects and cover of the sea of a setup, and the light in each band (`lit`)."""
+    """Bottom, submerged objects, and cover (land, foam, floating targets) of a setup; light in each band (`lit`)."""
 
     def __init__(self, setup: Setup) -> None:
         shape = setup.fine_grid
@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance (row, column) of facets in a band: of the cover where label `cover` is above 0, else of water."""
+        """Radiance (row, column) of facets in a band (index): of the cover where its label is above 0, else water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -242,7 +242,7 @@ class _World:
 
 
 class _Shot:
-    """The scene of one setup while its bands are computed one by one: radiances (band, row, column) float32."""
+    """The scene of one setup while its bands are computed one by one. Radiances are (band, row, column) float32."""
 
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
@@ -253,7 +253,7 @@ class _Shot:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image of a layer in band i, from the layer's spectrum; pixels are moved by `off` [pixel] down and right."""
+        """Image in band i from the Fourier spectrum of the facets; pixels are moved by `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -287,7 +287,7 @@ class _Shot:
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
-        """Make the scene when all bands are computed; `surface`: (height, slopes); `variance`: of resolved slopes."""
+        """Make the scene after the last band; `surface` is (height, slopes), `variance` that of the resolved slopes."""
         setup, (truth, glint) = self.setup, self.own
         image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
         ids, cover = world.on_pixels(world.labels), None
@@ -303,7 +303,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Compute the bands of all shots whose time offset is `time` [s]; yield after each band of each shot."""
+    """Compute the bands of all `shots` taken at `time` [s] after the first band; yield after each band of each shot."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:
@@ -332,7 +332,7 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
 
 
 def _surface(sea: Facets, workers: int) -> tuple[Floats, Floats]:
-    """Mean height [m], (row, column), and slopes to east and north [1], (2, row, column), of each pixel at time 0."""
+    """Mean height [m], (row, column), and mean slopes to east and north [1], (2, row, column), of pixels at time 0."""
     setup = sea.setup
     layers = sea.surface.height(workers=workers), *sea.slopes(workers=workers)
     n, (rows, columns) = setup.supersample, setup.grid

@@ -22,10 +22,9 @@ from .underwater import Bottom, SubmergedObject
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
-LEAST_ENERGY = 0.3
-"""Smallest factor on the energy of damped short waves; if slopes are still too steep, `Facets` scales them."""
+LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes still too steep
 RESOLVED_AT_MOST = 0.95
-"""Largest share of the measured slope variance for the waves on the grid; short waves are damped to reach it."""
+"""Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
 EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
@@ -50,14 +49,14 @@ class Setup(Checked):
     spectrum, fetch, spreading, exponent, opposing
         Parameters of the waves; see `deglint.physics.waves.Sea`.
     slopes : {"cox-munk", "cox-munk-gaussian"}
-        Distribution of slopes that the mean glint follows, with or without the Gram-Charlier series.
+        Slope distribution of the mean glint: by Cox and Munk, with or without ("-gaussian") its Gram-Charlier series.
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : float
-        Zenith angles and azimuths of the sun and of the sensor, as seen from the target [degree].
+        Zenith angles and azimuths of the sun and of the sensor, as seen from the sea surface [degree].
     sky : {"uniform", "cardioidal", "harrison-coombes"}
         Model of the sky radiance. Only the clear sky, "harrison-coombes", has a glow around the sun; its reflection in
         the sea looks like sun glint.
     air : Air, optional
-        State of the atmosphere; by default humidity 80 %, visibility 40 km, water vapour 2.5 cm, both winds as `wind`.
+        State of the atmosphere; by default humidity 80 %, visibility 40 km, water vapour 2.5 cm, winds equal to `wind`.
     chlorophyll : float
         Chlorophyll of the case-1 water [mg m-3].
     objects, bottom : tuple of SubmergedObject, Bottom, optional
@@ -67,12 +66,12 @@ class Setup(Checked):
     foam : float
         Share of the sea that whitecaps cover [1]; `deglint.simulate.whitecaps` computes it from a wind.
     targets : tuple of FloatingTarget
-        Boats, swimmers and buoys; in bands with a delay a moving target is at different places.
+        Boats, swimmers and buoys; a moving target has another position in each band that is delayed.
     supersample : int
         Number of facets (the cells on which the sea is computed) per pixel, along each axis.
     patch : float
         Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
-        gives none. Surfaces resolved to 1 mm correspond to 0.005; with 0.06 single facets flash.
+        gives none. The value 0.005 fits surfaces simulated with cells of 1 mm; with 0.06, single facets flash.
     misregistration : tuple of (float, float)
         For each band, displacement (down, right) of its pixels relative to the pixels of the image [pixel]; empty for
         none. The truth of the band is displaced, too.
@@ -160,7 +159,7 @@ class Setup(Checked):
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Rows and columns of the simulated sea [pixel], of sizes with a fast FFT; the image is its upper left part."""
+        """Rows and columns of the simulated sea [pixel], suited to a fast FFT; the image is its upper left part."""
         from scipy.fft import next_fast_len
 
         least = self.sea.peak_wavelength if self.domain is None else self.domain
@@ -171,7 +170,7 @@ class Setup(Checked):
 
     @property
     def weather(self) -> Air:
-        """State of the atmosphere: `air`, or its default."""
+        """State of the atmosphere: `air`, or the default if it is None."""
         wind = float(self.wind)
         return self.air or Air(visibility=40.0, humidity=80.0, water_vapour=2.5, wind=wind, wind_mean=wind)
 
@@ -197,9 +196,9 @@ class Setup(Checked):
 
 
 def check_one_sea(setups: Sequence[Setup]) -> None:
-    """Check that setups differ only in optics, noise, artefacts, glint threshold and band delays.
+    """Check that setups differ only in optics, noise, misregistration, artefacts, glint threshold and band delays.
 
-    Raises InputError: a setup differs from the first in something else; the message names it.
+    Raises InputError if a setup differs from the first one in another parameter, which the message names.
     """
     first, own = setups[0], {"sensor", "misregistration", "artefacts", "glint_threshold"}
     names = [f.name for f in fields(Setup) if f.name not in own]
@@ -216,10 +215,11 @@ def check_one_sea(setups: Sequence[Setup]) -> None:
 def experiments(
     base: Setup, *, winds: Sequence[float] = WINDS, delays: Sequence[float] = DELAYS
 ) -> Iterator[tuple[str, Setup]]:
-    """Name and setup for every combination of wind [m/s], `LOOKS`, delay from band to band [s] and `F_NUMBERS`.
+    """Yield a name and a setup for every combination of wind, viewing geometry, delay between bands, and f-number.
 
-    All other parameters are those of `base`. The name holds wind [m/s], delay [ms], viewing geometry [degree] and
-    f-number. Setups that differ only in delay or f-number have the same seed, and so the same sea.
+    `winds` are in [m/s], and `delays`, from each band to the next, in [s]; viewing geometries are `LOOKS`, f-numbers
+    `F_NUMBERS`. All else is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree], f-number.
+    Setups that differ only in delay or f-number have the same seed, and therefore the same sea.
 
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']

@@ -1,4 +1,4 @@
-"""The bottom of a shallow sea (its depth, and patches of a second material on its ground), and objects under water."""
+"""The bottom of a shallow sea (its depth and materials), and objects under water."""
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass
@@ -24,7 +24,7 @@ class Bottom(Checked):
         Mean depth at the left and at the right edge of the image [m], 0.1 to 60.
     edge : (float, float), optional
         A reef edge, where the depth changes: distance of its centre from the left edge of the image, and its width [m].
-        By default the depth changes linearly over the whole image.
+        By default, the depth changes linearly over the whole image.
     roughness : float
         Standard deviation of the depth about its mean [m], with features of the size `patch`.
     materials : (str, str)
@@ -51,7 +51,7 @@ class Bottom(Checked):
 def depth_and_patches(
     bottom: Bottom, shape: tuple[int, int], spacing: float, width: float, seed: np.random.SeedSequence
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Depth [m], float32, and mask (True: second material), both (row, column), on a grid with the step `spacing` [m].
+    """Depth [m] and mask of patches (True: second material), both (row, column), on a grid with the step `spacing` [m].
 
     The image covers the first `width` [m] of each row; a margin follows, up to the end of the grid. In the second
     half of the margin, the mean depth is that of the left edge of the image, because the grid is periodic.
@@ -74,9 +74,9 @@ def depth_and_patches(
 
 
 def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Floats:
-    """Periodic noise of mean 0 and variance 1 with features of a given size [m], (row, column) float32.
+    """Periodic noise (row, column) of mean 0 and variance 1 with features of a given size [m].
 
-    It is white Gaussian noise, smoothed by a Gaussian whose standard deviation is a third of `size`.
+    It is white noise on a grid with the step `spacing` [m], smoothed by a Gaussian of standard deviation `size` / 3.
     """
     from scipy import fft
 
@@ -110,7 +110,7 @@ class SubmergedObject(Checked):
             raise InputError(f"object must have at least 3 corners, got {len(self.corners)}; give its outline [m]")
 
     def check_inside(self, height: float, width: float) -> None:
-        """Check that the object lies within a scene of this size [m]. Raises InputError: it does not."""
+        """Check that the object lies within a scene of a height and width [m]. Raises InputError if it does not."""
         right, down = np.asarray(self.corners, dtype=np.float64).T
         if right.min() < 0 or down.min() < 0 or right.max() > width or down.max() > height:
             raise InputError(
@@ -121,7 +121,7 @@ class SubmergedObject(Checked):
 
 
 def square(right: float, down: float, side: float, *, reflectance: float, depth: float = 5.0) -> SubmergedObject:
-    """Make a square object from its centre (right, down), side and depth, all in metres, and its reflectance [1].
+    """Make a square object from its centre (right, down), side and depth, all in [m], and its reflectance [1].
 
     Examples
     --------

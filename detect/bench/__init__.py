@@ -1,1 +1,1 @@
-"""The benchmark `rxdetect bench` of all removal methods: `scenes` simulates, `run` measures, `report` writes a page."""
+"""The benchmark of all glint removals, `rxdetect bench`: `scenes` simulates, `run` measures, `report` makes a page."""

@@ -1,4 +1,4 @@
-"""Measured numbers with their intervals, and the machine, the versions and the command that they come from."""
+"""Measured numbers with their intervals, and the machine, versions of packages and command that produced them."""
 
 import math
 import os
@@ -25,7 +25,7 @@ Better = Literal["lower", "higher"]
 
 @dataclass(frozen=True)
 class Number:
-    """A measured number: mean over seeds with its 95 % interval, or median of repeated timings with their range."""
+    """A measured number: mean over simulated scenes with its 95 % interval, or median of timings with their range."""
 
     value: float
     low: float = math.nan  # lower end of the interval or range; NaN for a single value
@@ -40,10 +40,10 @@ class Number:
 
 
 def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:
-    """Error [% of the water level]: RMSE / median(truth) of each visible band, then root mean square over the bands.
+    """Error of an image [% of the water level]: root mean square over the visible bands of RMSE / median(truth).
 
-    `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands count. The error is
-    computed in `columns`, the water level, median(truth), from all columns.
+    `image` and `truth`, (band, row, column), have the same unit; the first `VISIBLE_BANDS` bands are used. The RMSE is
+    computed in the range `columns`; the water level, median(truth) of each band, in all columns.
 
     Examples
     --------
@@ -59,12 +59,12 @@ def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float
 
 
 def short(value: float) -> str:
-    """Text of a value with three digits; large values are rounded to integers, without a power of ten."""
+    """Text of a value with three significant digits; a value of 100 or more is rounded to an integer."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean over seeds, and its 95 % interval (Student's t) within 0 to `most`; `better`: "lower" or "higher" values."""
+    """Mean of `values`, one for each seed, and its 95 % interval (Student's t) within 0 to `most`; see `Number`."""
     from scipy.stats import t
 
     centre = mean(values)
@@ -75,12 +75,12 @@ def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower"
 
 
 def timed(values: Sequence[float], unit: str = "s") -> Number:
-    """Median and range of repeated timings."""
+    """Median and range of repeated timings, in `unit`."""
     return Number(median(values), min(values), max(values), unit, exact=False)
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """Numbers, `provenance` (`made`) and failures (`refused`) of a run as plain values for JSON, with None for NaN."""
+    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON, with None for NaN."""
     from deglint.raster.output import plain
 
     values = {name: asdict(number) for name, number in numbers.items()}
@@ -89,7 +89,7 @@ def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Map
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
-    """Versions, machine and options of a run; `seconds` is its duration [s], `load` the load average at its start."""
+    """Versions, machine and options of a run, which took `seconds` [s]; `load` is the load average at its start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
     return {
@@ -99,7 +99,7 @@ def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: f
 
 
 def machine() -> dict[str, Any]:
-    """Name of the processor, number of cores that this process may use, and operating system."""
+    """The machine: name of the processor, number of cores that this process may use, and operating system."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
@@ -109,7 +109,7 @@ def machine() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that are installed."""
+    """Versions of Python and of those `PACKAGES` that are installed, by name."""
     out = {"deglint": "", "python": platform.python_version()}
     for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
@@ -118,5 +118,5 @@ def versions() -> dict[str, str]:
 
 
 def load_now() -> float | None:
-    """Load average of the last minute; None if the system does not have one."""
+    """Load average of the system in the last minute; None if the system does not provide it."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None

@@ -1,4 +1,4 @@
-"""The report: tables, and one HTML page with plots by matplotlib, without scripts or external files."""
+"""The report of `rxdetect bench`: one HTML page with tables and matplotlib plots, without scripts or other files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ERROR = "RMS error [% of the water level]"
 
 
 def page(results: Results, made: Mapping[str, Any]) -> str:
-    """The whole page (HTML); `made` comes from `numbers.provenance`."""
+    """The complete report (HTML) of the results; `made` comes from `detect.bench.numbers.provenance`."""
     drawn = {"Run time against error": time_against_error, "ROC curves of submerged objects": roc_curves}
     if len(results.effort.winds) > 1:
         drawn = {"Error against wind": against_wind} | drawn
@@ -30,27 +30,27 @@ def page(results: Results, made: Mapping[str, Any]) -> str:
 
 
 def _axes(panels: int, label: str) -> tuple[Figure, list[Any]]:
-    """A figure with panels side by side; `label` is the label of their common y axis."""
+    """Make a figure with `panels` panels, side by side; `label` is the label of their common y axis."""
     figure, axes = new_figure(_WIDTH, _HEIGHT, panels)
     axes[0].set_ylabel(label)
     return figure, axes
 
 
 def _style(name: str) -> dict[str, Any]:
-    """Style of the line of a removal: raw image and noise-only image are grey, the default is thick and black."""
+    """matplotlib style of the line of a removal: grey for raw and noise-only image, thick and black for the default."""
     if name in (RAW, LIMIT):
         return {"color": "0.5", "linestyle": "--" if name == RAW else ":"}
     return {"linewidth": 3.0, "color": "black"} if name == DEFAULT else {}
 
 
 def _with_legend(figure: Any, ax: Any) -> Figure:
-    """The figure with one legend beside its panels, for the lines of the panel `ax`."""
+    """Add one legend to a figure, beside its panels, for the lines of the panel `ax`; return the figure."""
     figure.legend(*ax.get_legend_handles_labels(), loc="outside right")
     return figure
 
 
 def against_wind(results: Results) -> Figure:
-    """Plot the error against the wind, with a panel for each delay and a line for each removal."""
+    """Plot the error against the wind, with a panel for each delay between bands and a line for each removal."""
     effort = results.effort
     figure, panels = _axes(len(effort.delays), _ERROR)
     for ax, delay in zip(panels, effort.delays, strict=True):
@@ -64,7 +64,7 @@ def against_wind(results: Results) -> Figure:
 
 
 def time_against_error(results: Results) -> Figure:
-    """Plot the error against the processor time; filled markers: no other removal is both faster and more precise."""
+    """Plot error against processor time; a marker is filled if no other removal is both faster and more precise."""
     wind, _delay = results.effort.shown
     figure, panels = _axes(len(results.effort.delays), _ERROR)
     times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
@@ -79,7 +79,7 @@ def time_against_error(results: Results) -> Figure:
 
 
 def roc_curves(results: Results) -> Figure:
-    """Plot Pd, mean over seeds, against Pfa for the two darkest reflectances of the objects."""
+    """Plot ROC curves for the objects of the two lowest reflectances: Pd, mean over seeds, against Pfa."""
     figure, panels = _axes(2, "Pd")
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
@@ -91,7 +91,7 @@ def roc_curves(results: Results) -> Figure:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: title, column heads, rows of cells, and a note on how it was measured."""
+    """A table of the report: title, column heads, rows of cells, and a note on how the numbers were measured."""
 
     title: str
     head: tuple[str, ...]
@@ -100,7 +100,7 @@ class Table:
 
 
 def named(condition: Condition) -> str:
-    """Text of a condition: wind [m/s] and delay [ms]."""
+    """Text of a condition: wind [m/s] and delay between bands [ms]."""
     return f"{condition[0]:g} m/s, {1000 * condition[1]:g} ms"
 
 
@@ -111,7 +111,7 @@ def tables(results: Results) -> list[Table]:
 
 
 def overview(results: Results) -> Table:
-    """Error and processor time of every removal in the condition `Effort.shown`."""
+    """Table of the error and processor time of every removal in the condition `Effort.shown`."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.effort.names, LIMIT):
@@ -133,7 +133,7 @@ def overview(results: Results) -> Table:
 
 
 def by_condition(results: Results) -> Table:
-    """Error of every removal in every condition."""
+    """Table of the error of every removal in every condition (wind and delay between bands)."""
     rows = [
         (name, *(short(results.error(condition, name).value) for condition in results.conditions))
         for name in (RAW, *results.used, LIMIT)
@@ -144,7 +144,7 @@ def by_condition(results: Results) -> Table:
 
 
 def objects(results: Results) -> Table:
-    """Fraction of objects found, and area under the ROC curve, for each removal and reflectance."""
+    """Table of the fraction of objects found and the area under the ROC curve, by removal and reflectance."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.used, LIMIT):

@@ -1,4 +1,4 @@
-"""Measure every removal method: error, objects found, ROC curves and processor time."""
+"""Measure every glint removal on simulated scenes: error, objects found, ROC curves and processor time."""
 
 import math
 import time
@@ -29,13 +29,13 @@ Condition = tuple[float, float]  # wind [m/s] and delay from band to band [s]
 
 
 def removals() -> dict[str, dict[str, str]]:
-    """Options of `Recipe` for every removal, by name: each method without compensation, and the default."""
+    """Options of `deglint.Recipe` for every removal, by name: each method without compensation, and the default."""
     return {**{name: {"method": name, "compensate": "off"} for name in METHODS}, DEFAULT: {}}
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Extent of a run of the benchmark."""
+    """Extent of a run of the benchmark: removals, winds, delays, and numbers of scenes and of timings."""
 
     names: tuple[str, ...]  # keys of `removals`
     winds: tuple[float, ...] = (3.0, 5.0, 9.0, 12.0)  # [m/s]
@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent of a run of the removals `names`; `quick`: one wind, small scenes. Default `seeds`: 5, quick 2."""
+        """Extent for the removals `names`; `quick`: one wind, small timed scene. `seeds` None: 5, or 2 if `quick`."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
@@ -59,7 +59,7 @@ class Effort:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """RMS errors of an image [% of the water level], and detection of objects: a row for each of `REFLECTANCES`."""
+    """Quality of an image: RMS errors [% of the water level], and detection of the objects of each reflectance."""
 
     whole: float  # error of the whole scene
     deep: float  # error of the deep water alone
@@ -72,8 +72,8 @@ class Quality:
 class Results:
     """Results of all measurements.
 
-    `images` has one `Quality` for each seed, by condition and name (removal, `RAW` or `LIMIT`). `fit` and `apply` have
-    the processor time of each removal on one thread, for the timed scene [s]. `refused` says why a removal failed.
+    `images` has one `Quality` for each seed; keys are condition and name (removal, `RAW` or `LIMIT`). `fit` and `apply`
+    have processor times of each removal for the timed scene, on one thread [s]. `refused` says why a removal failed.
     """
 
     effort: Effort
@@ -84,7 +84,7 @@ class Results:
 
     @property
     def used(self) -> list[str]:
-        """Names of the removals that work on every scene."""
+        """Names of the removals that failed on no scene."""
         return [name for name in self.effort.names if name not in self.refused]
 
     @property
@@ -93,16 +93,16 @@ class Results:
         return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
 
     def error(self, condition: Condition, name: str, part: str = "whole") -> Number:
-        """RMS error of the "whole" scene or its "deep" water, mean over seeds [% of the water level]."""
+        """RMS error of removal `name` [% of the water level], mean over seeds; `part` is "whole" or "deep" (water)."""
         return over_seeds([getattr(image, part) for image in self.images[condition, name]], "%")
 
     def rate(self, condition: Condition, name: str, kind: int, what: str) -> Number:
-        """Mean over seeds of `what`, the "auc" or the fraction "found", of objects of `REFLECTANCES[kind]`."""
+        """Mean over seeds of `what` ("auc" or "found" of `Quality`), for removal `name` and `REFLECTANCES[kind]`."""
         values = [float(getattr(image, what)[kind]) for image in self.images[condition, name]]
         return over_seeds(values, "", "higher", most=1.0)
 
     def numbers(self) -> dict[str, Number]:
-        """All numbers of the run, by name."""
+        """All numbers of the run; keys are names such as "time/hedley/fit"."""
         out: dict[str, Number] = {}
         for condition, name in self.images:
             stem = f"wind{condition[0]:02g}/delay{1000 * condition[1]:02g}/{name.replace(' ', '-')}"
@@ -115,7 +115,7 @@ class Results:
 
 
 def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int], None]) -> Results:
-    """Measure all removals on scenes that are simulated in `directory`; calls progress(stage, done, total)."""
+    """Measure all removals on simulated scenes, whose files are in `directory`; call progress(stage, done, total)."""
     results, seas = Results(effort), [(wind, seed) for wind in effort.winds for seed in range(effort.seeds)]
     for step, (wind, seed) in enumerate(seas):
         progress(f"wind {wind:g} m/s", step, len(seas) + 1)
@@ -133,7 +133,7 @@ def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int],
 
 
 def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
-    """The scene, (band, row, column), after every removal, by name; reasons of failures go to `results.refused`."""
+    """The scene after each removal, (band, row, column), by name; reasons of failures are put into `results`."""
     out = {}
     for name in results.used:
         try:
@@ -150,7 +150,7 @@ def _fitted(scene: TrueScene, name: str) -> Any:
 
 
 def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict[str, list[tuple[float, float]]]:
-    """Processor times (fit, apply) [s] of each removal in each round. A first round, which compiles, is not timed."""
+    """Processor times (fit, apply) [s] of each removal in `rounds` rounds, after a first one that compiles the code."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     for turn in range(rounds + 1):
         for name in names:
@@ -164,7 +164,7 @@ def processor_times(scene: TrueScene, names: Sequence[str], rounds: int) -> dict
 
 
 def quality(scene: TrueScene, image: Float64) -> Quality:
-    """Error, ROC curves and objects found of one image, (band, row, column), in the unit of the scene."""
+    """Measure the quality of one image of a scene, (band, row, column) [W m-2 sr-1 nm-1], by its truth."""
     scores, kinds = rx(np.asarray(image[:VISIBLE_BANDS], np.float64), scene.sample, threads=1), scene.kinds
     auc, found, drawn = [], [], []
     for kind in range(1, len(REFLECTANCES) + 1):

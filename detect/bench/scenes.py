@@ -1,8 +1,8 @@
 """Simulated scenes whose truth is known.
 
-The left half is deep water, the sample of every fit. The right half holds squares of 4 m at a depth of 5 m, one column
-for each reflectance. The sky is cardioidal: if the sky were brighter around the sun, its mirror image would be part of
-the truth, and no method could distinguish it from glint.
+The left half is deep water, the sample to which every removal is fitted. The right half has submerged squares of 4 m at
+a depth of 5 m, one column for each reflectance. The sky is cardioidal: if it were brighter around the sun, its mirror
+image would be part of the truth, and no method could distinguish it from glint.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,7 @@ SEED = 100  # seed of the first sea
 
 
 def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
-    """Objects in the right half of a scene of `side` pixels of `gsd` [m]: one column for each reflectance."""
+    """Objects in the right half of a scene of `side` x `side` pixels of size `gsd` [m]; one column per reflectance."""
     across, down = side / 2 / len(REFLECTANCES), min(SPACING, side)
     return tuple(
         square((side / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, min(OBJECT, across / 2) * gsd,
@@ -38,13 +38,13 @@ def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TrueScene:
-    """A simulated scene as a file, and its truth; arrays (band, row, column) [W m-2 sr-1 nm-1]."""
+    """A simulated scene in a file, and its truth; images are (band, row, column) [W m-2 sr-1 nm-1]."""
 
     made: SimulatedScene
     file: Path
 
     def _radiance(self, counts: Array) -> Float64:
-        """Radiance [W m-2 sr-1 nm-1] of the numbers in the file, (band, row, column)."""
+        """Convert digital numbers of the sensor, (band, row, column), to radiance [W m-2 sr-1 nm-1]."""
         sensor = self.made.setup.sensor
         return np.asarray(counts * np.array([sensor.scale(b) for b in sensor.bands])[:, None, None])
 
@@ -60,31 +60,31 @@ class TrueScene:
 
     @cached_property
     def scene(self) -> Scene:
-        """The file with glint and noise, as deglint opens it."""
+        """The file of the image with glint and noise, opened by `deglint.open_scene`."""
         return open_scene(str(self.file))
 
     @property
     def deep(self) -> slice:
-        """Columns of the deep water, the sample of every fit."""
+        """Columns of the deep water, the sample to which every removal is fitted."""
         return slice(self.made.setup.size[1] // 2)
 
     @property
     def sample(self) -> Mask:
-        """Mask of the sample, (row, column)."""
+        """Mask of the deep water, (row, column)."""
         mask = np.zeros(self.made.setup.size, np.bool_)
         mask[:, self.deep] = True
         return mask
 
     @cached_property
     def kinds(self) -> Int64:
-        """Kind of each pixel: 0 background, 1 + index in `REFLECTANCES` for objects, -1 for the blurred edge."""
+        """Kind of each pixel, (row, column): 0 background, -1 blurred edge, 1 + index in `REFLECTANCES` for objects."""
         labels = self.made.objects.astype(np.int64)
         near = grown(labels > 0, 2 * BLURRED_EDGE + 1)
         return np.where(labels > 0, (labels - 1) % len(REFLECTANCES) + 1, np.where(near, -1, 0))
 
 
 def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
-    """Simulate one sea at a wind [m/s] as several sensors record it; the files are written to `directory`."""
+    """Simulate one sea at a wind [m/s], `side` x `side` pixels, as several sensors record it; write to `directory`."""
     from deglint.raster.simulated import write_scene
 
     setups = [

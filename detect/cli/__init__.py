@@ -1,4 +1,4 @@
-"""The command `rxdetect`; each of its commands is a module, which is loaded when the command is called."""
+"""The command `rxdetect`. Each of its subcommands is a module, which is imported only when it is called."""
 
 import shlex
 import sys
@@ -30,7 +30,7 @@ def cli() -> None:
 
 
 def command_line(*arguments: str) -> str:
-    """Text of the current command with `arguments` and all options that were given, to repeat it."""
+    """Text of the command that is running, with `arguments` and the options that the user gave, to run it again."""
     context = click.get_current_context()
     words = [*context.command_path.split(), *arguments]
     for option in context.command.params:
@@ -42,7 +42,7 @@ def command_line(*arguments: str) -> str:
 
 
 def main() -> NoReturn:
-    """Run the command and leave with its exit code: 0 done, 1 failed, 2 usage, 3 nothing to score."""
+    """Run the command and exit with its code: 0 success, 1 failure, 2 wrong usage, 3 nothing to score."""
     sys.exit(run(sys.argv[1:]))
 
 

@@ -1,4 +1,4 @@
-"""`rxdetect bench`: measure every removal method."""
+"""The command `rxdetect bench`: measure the error and run time of all methods of glint removal."""
 
 import logging
 import tempfile

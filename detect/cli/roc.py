@@ -1,4 +1,4 @@
-"""`rxdetect roc`: compare scores with truth, and write a report with ROC curves."""
+"""The command `rxdetect roc`: compare score rasters with known targets, and write a report with ROC curves."""
 
 import json
 import logging

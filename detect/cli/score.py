@@ -1,4 +1,4 @@
-"""`rxdetect score`: compute a raster of scores, a threshold, and objects."""
+"""The command `rxdetect score`: compute a raster of anomaly scores, a threshold, and the objects above it."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from deglint.cli.running import Console
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
-    """Callback of an option that reads two numbers of the type `kind`, with a comma; `name`, `example`: for errors."""
+    """Make a click callback that parses "A,B", two numbers of type `kind`; `name`, `example`: for the error message."""
 
     def read(text: str) -> tuple[Any, Any]:
         first, second = map(kind, text.split(","))

@@ -1,6 +1,6 @@
-"""Score a raster file: fit the background, score tile by tile, find the threshold, mark objects, write the sidecar.
+"""Compute anomaly scores of a raster file, tile by tile; then a threshold, and the objects above it.
 
-Only this package combines readers, detectors and writers. A `Recipe` holds the options; `score_file` does all steps.
+`score_file` does all steps with the options of a `Recipe`. Only this package combines readers, detectors and writers.
 """
 
 from .recipe import Outputs, Recipe

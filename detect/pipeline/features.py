@@ -1,4 +1,4 @@
-"""Features of objects in the output: place, size and motion on the ground, pictures, GeoJSON and GeoPackage."""
+"""Output of detected objects: position, size and motion on the ground; pictures; files in GeoJSON or GeoPackage."""
 
 import math
 import sqlite3
@@ -29,14 +29,14 @@ from ..sea.region import rectangle
 _EARTH = 6_371_008.8  # mean radius of the Earth [m]
 _SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
-CHIP_SIDE = 64  # minimum side of a chip [pixel of the scene]
-_CHIP_MARGIN = 12  # margin around an object [pixel of the scene]
+CHIP_SIDE = 64  # minimum side of the part of the scene in the picture of an object, the chip [pixel of the scene]
+_CHIP_MARGIN = 12  # margin around an object in its picture [pixel of the scene]
 _SIZE = 192  # minimum side of a panel [pixel of the picture]
 _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel of the picture]
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Function from (column, row) corners to (longitude, latitude) [degree]; None if the scene has no CRS."""
+    """Make the function that converts (column, row) to (longitude, latitude) [degree]; None if the scene has no CRS."""
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
@@ -50,7 +50,7 @@ def to_wgs84(scene: Scene) -> Move | None:
 
 
 def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -> tuple[float, float]:
-    """Distance [m] and initial bearing [degree, clockwise from north] between (longitude, latitude) places."""
+    """Distance [m] and initial bearing [degree clockwise from north] from one (longitude, latitude) to another."""
     (lon0, lat0), (lon1, lat1) = (tuple(map(math.radians, p)) for p in (start, end))
     half = math.sin((lat1 - lat0) / 2) ** 2 + math.cos(lat0) * math.cos(lat1) * math.sin((lon1 - lon0) / 2) ** 2
     east = math.sin(lon1 - lon0) * math.cos(lat1)
@@ -59,7 +59,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
-    """0-based bands whose time is known, and their times [s]. Raises InputError: fewer than three times differ."""
+    """0-based bands whose time offset is known, and these times [s]. Raises InputError if fewer than three differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
     if len({t for _, t in known}) < 3:
         raise InputError(
@@ -70,10 +70,10 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 
 
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
-    """`speed_m_s` [m/s] and `heading` [degree, clockwise from north] of every object; None if no moving boat is near.
+    """Speed [m/s] and heading [degree clockwise from north] of each object in `found`: `speed_m_s`, `heading`.
 
-    They are those of the nearest moving boat. It is near if the fastest boat can get to the object between the bands.
-    `area` is the area of a pixel [m2]. Raises InputError: times of the bands, or size of a pixel, are not known.
+    They are those of the moving boat nearest to the object; None if that is farther away than the fastest boat moves
+    between the bands. `area` is that of a pixel [m2]. Raises InputError if it, or times of three bands, are not known.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -98,9 +98,9 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
-    """Properties of an object in the output: score, rates, kind, place, size [m] and bearing [degree].
+    """Properties of an object: score, rates, `kind`; with `move` (see `to_wgs84`) also position, size [m] and bearing.
 
-    `rate` is the expected number of false objects per km2, `real` the probability of a real object; NaN: not known.
+    `rate` is the expected number of false objects per km2, `real` the probability that it is real; NaN: not known.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
@@ -122,9 +122,9 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
 
 
 def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object], scratch: Scratch) -> list[str]:
-    """Write a picture (PNG) of every object into a folder; return "FOLDER/NAME" of each picture.
+    """Write a picture (PNG) of every object in `found` into a folder; return "FOLDER/NAME" of each picture.
 
-    Panels from the left: scene before glint removal, if the sidecar names its file; scene; `scores`, an open raster.
+    It shows the scene before glint removal (if the sidecar names its file), the scene, and `scores`, an open raster.
     """
     import cv2
 
@@ -145,21 +145,21 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Range of rows (or columns) of a chip: those of the object with a margin, within the `size` rows of the scene."""
+    """Range of rows (or columns) of a picture: `start` to `stop` of an object, plus a margin, within 0 to `size`."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
 
 
 def _rgb(scene: Scene) -> list[int]:
-    """0-based bands for red, green and blue; one band three times (grey) if not all three are known."""
+    """0-based bands for red, green and blue; if not all three are known, one band three times (a grey picture)."""
     roles = band_roles(scene)
     known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
     return known if len(known) == 3 else [(known or [0])[0]] * 3
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
-    """The scene before removal, in a list; empty if the sidecar names no readable files, or the sizes differ."""
+    """Scene before glint removal, in a list; empty if the sidecar names no readable files of a scene of this size."""
     try:
         files = [file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]]
         raw = open_scene(files)
@@ -169,7 +169,7 @@ def _raw_of(scene: Scene) -> list[Scene]:
 
 
 def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, geographic: bool) -> None:
-    """Write a FeatureCollection as GeoJSON, or with the extension .gpkg as GeoPackage with a QGIS style (.qml).
+    """Write the FeatureCollection `document` as GeoJSON, or to a .gpkg file as GeoPackage with a QGIS style (.qml).
 
     The GeoPackage (OGC 12-128r19) has a layer `objects`, in longitude and latitude if `geographic`, else (column, row).
     """
@@ -205,7 +205,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 
 def _binary(geometry: dict[str, Any], srs: int) -> bytes:
-    """Geometry of a GeoPackage: header with CRS number `srs` and (xmin, xmax, ymin, ymax), and multi-polygon as WKB."""
+    """Encode a GeoJSON polygon for a GeoPackage: header with CRS number `srs` and extent, then WKB multi-polygon."""
     left, low, right, high = bounds(geometry)
     polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, left, right, low, high)

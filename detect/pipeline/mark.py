@@ -1,4 +1,4 @@
-"""Find the threshold and the objects of a written score raster, with their false-alarm rates, and write the objects."""
+"""Find the threshold of a written score raster, and write the objects above it with their false-alarm rates."""
 
 import math
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
 Rated = tuple[Object, str, float, float]  # object, kind, expected false objects per km2, probability of being real
-CANDIDATES = 0.04  # fraction of the scores, the highest, that is kept for "sea"; candidates are a smaller fraction
+CANDIDATES = 0.04  # for "sea", this fraction of the scores, the highest, is kept; fewer pixels are in candidates
 _UNKNOWN_PIERS = 3
 """Number that is added to the rank of an object attached to land, to estimate its false-alarm rate: all objects up to
-its rank may be false, and even where none is known to be false, there may be this many (at 95 %)."""
+its rank may be false, and even if none is known to be false, there may be up to this many (95 % confidence)."""
 
 
 def joined(parts: Sequence[Places]) -> Places:
-    """Join the pixels of all tiles, in row-major order."""
+    """Join the pixels of several tiles, and sort them in row-major order."""
     start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
@@ -38,7 +38,7 @@ def joined(parts: Sequence[Places]) -> Places:
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """Find the threshold of scores, and mark objects."""
+    """Finds the threshold of a written score raster, and the objects that exceed it."""
 
     plan: Plan
     scores: Any  # the written score raster, open for reading
@@ -47,11 +47,11 @@ class Marker:
 
     @property
     def _strata(self) -> int:
-        """Number of kinds of objects among which false alarms are divided: afloat and, if any, attached to land."""
+        """Number of kinds of objects that share the false-alarm rate: 2 if some are attached to land, else 1."""
         return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested rate; on the sea from the scores without confirmed objects (the clutter)."""
+        """Threshold for the requested false-alarm rate; for "sea" from scores without confirmed objects."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -70,14 +70,14 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> sea.Clutter:
-        """The clutter: scores of the sea without the objects that are confirmed."""
+        """The clutter: scores of the sea without confirmed objects, which are large and bright."""
         model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
         found = find_among(*self._above(sea.LOW * model.q90, self.beside[sea.ALONGSIDE]))
         return sea.clutter_of(self.tail, found, model.q90, area=area, fine=model.side == "both")
 
     def _above(self, value: float, *without: Places) -> Places:
-        """Pixels with scores above a value, except those in `without`; the raster is read in strips."""
+        """Pixels with scores greater than `value`, except the pixels in `without`; the raster is read in strips."""
         found = []
         width = self.scores.width
         for tile in tiles(self.scores.height, width, (LONGEST_SIDE, width)):
@@ -92,7 +92,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold; on the sea in ascending order of the expected false objects per km2."""
+        """Objects above the threshold, with kind and rates; for "sea" by ascending number of false objects per km2."""
         model, recipe = self.plan.model, self.plan.recipe
         options: dict[str, Any] = {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance,
                                    "pixel_area": self.plan.pixel_area}  # fmt: skip
@@ -130,7 +130,7 @@ class Marker:
         return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
-        """Write the objects above a threshold to a file; return their number, or None if no file is requested."""
+        """Write the objects above a threshold to `targets.objects`; return their number, or None without this file."""
         if targets.objects is None:
             return None
         rated = self.objects(threshold)

@@ -1,4 +1,4 @@
-"""A recipe applied to one scene: bands, mask, tiles, and the statistics of the background or of the water."""
+"""The plan of a run, a recipe applied to one scene: bands, mask, tiles, and statistics of the background or water."""
 
 import math
 import re
@@ -45,11 +45,11 @@ UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A recipe applied to a scene: bands, mask, background and tiles.
+    """The plan of a run: what the options of a recipe mean for one scene.
 
-    `bands` are 0-based bands of the scene; `nir` are positions within `bands`. The background is fitted inside `area`
-    (None: everywhere), unless `given` is a saved background. `background`, `ready` (the detector) and `model` (of
-    "sea") are None before they are fitted, and for methods that do not use them.
+    `bands` are 0-based bands of the scene; `nir` are indexes in `bands`. The background is fitted inside `area` (None:
+    everywhere), or is `given`, a saved background. The fitted `background`, detector (`ready`) and `model` (of "sea")
+    are None before `fitted`, and for methods that do not use them.
     """
 
     scene: Scene
@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def law(self) -> tuple[int, int] | None:
-        """Degrees of freedom, and number of pixels in the statistics, if scores follow F or chi-squared; else None."""
+        """Degrees of freedom, and number of background pixels, if scores follow F or chi-squared; else None."""
         if not self.recipe.kind.law:
             return None
         if self.ready is not None and self.background is not None:
@@ -83,7 +83,7 @@ class Plan:
 
     @property
     def halo(self) -> int:
-        """Margin around a tile that its scores depend on [pixel]."""
+        """Width of the margin of pixels around a tile that influence the scores of the tile [pixel]."""
         return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
 
     @cached_property
@@ -108,7 +108,7 @@ class Plan:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene; fits nothing. `given` is a background fitted before."""
+    """Choose detector, bands, mask and tiles for a scene, without fitting. `given` is a saved background, if any."""
     recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
@@ -147,7 +147,7 @@ def _pixel_area(scene: Scene) -> float | None:
 
 
 def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:
-    """Replace "auto" in a recipe; return the recipe, `Plan.mask` and `Plan.water`, and reasons as notes."""
+    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), []
     method, why = _without_sea(recipe, len(recipe.bands or scene.bands))
@@ -165,7 +165,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
-    """Read the option --background: a saved background, or the area to fit one in; both None if it is not given."""
+    """Open `recipe.background`: a saved background, or the area in which one is fitted; both None if it is empty."""
     name = recipe.background
     if not name:
         return None, None
@@ -177,9 +177,9 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: `Recipe.bands`; else the bands of the saved background, in that order; else the default.
+    """0-based bands to use: `recipe.bands`; else those of `given`, a saved background, in its order; else the default.
 
-    The default for "sea" is the visible bands, if at least two are known; else it is all bands.
+    By default "sea" uses the visible bands if at least two are known; all bands are used otherwise.
     """
     bands = tuple(range(len(scene.bands)))
     if recipe.bands:
@@ -199,7 +199,7 @@ def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int,
 
 
 def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None]:
-    """The recipe without the mask "auto", and the area to score or the rule that finds the water to score."""
+    """Replace the mask "auto" of a recipe; return the recipe, and the values of `Plan.mask` and `Plan.water`."""
     if recipe.mask == "auto":
         recipe = replace(recipe, mask="water" if recipe.method == "sea" else "none")
     if recipe.mask == "none":
@@ -218,7 +218,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use if an option or the number of bands excludes "sea", and the reason; "rx", "" if nothing does."""
+    """If an option or the number of bands excludes "sea": the detector to use, and the reason. Otherwise "rx", ""."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
@@ -230,12 +230,12 @@ def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
 
 
 def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
-    """0-based bands whose wavelength is known and lies between two wavelengths [nm]."""
+    """0-based bands whose wavelength is known and lies in the range from `low` to `high` [nm]."""
     return tuple(i for i, b in enumerate(scene.bands) if b.wavelength is not None and low <= b.wavelength <= high)
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
-    """Water rule from the sidecar of `deglint remove`, and its bands; None without a valid rule for the band `nir`.
+    """Rule that finds the water, and its bands, from the sidecar of `deglint remove`; None if not valid for band `nir`.
 
     The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
     """
@@ -251,7 +251,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
 
 
 def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Plan:
-    """Fit background and detector, or the model of the sea; `run` processes tiles, on threads or on a cluster."""
+    """Fit background and detector of a plan, or for "sea" its model; `run` processes tiles (threads or a cluster)."""
     if plan.sea is not None:
         model = _fit_sea(plan, plan.sea)
         return replace(plan, model=model, glint=plan.glint if model.glint else ())
@@ -279,7 +279,7 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
 
 
 def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
-    """Fit the statistics of water; in a large scene, to a sample of blocks with water."""
+    """Fit the statistics of the water of a scene; in a large scene, only to a sample of blocks that contain water."""
     scene, blocks, nir = plan.scene, [], []
     block_side = _SAMPLE_BLOCK if max(scene.height, scene.width) > 2 * _SAMPLE_BLOCK else 2 * _SAMPLE_BLOCK
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
@@ -301,7 +301,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
-    """Bands in use of a tile, (band, row, column), its classes from `sea.region`, and its NIR, (band, row, column)."""
+    """Read a tile: bands in use, (band, row, column), classes of pixels (`sea.region`), NIR, (band, row, column)."""
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))

@@ -1,4 +1,4 @@
-"""Options of `rxdetect score` as frozen values: processing and output files."""
+"""Options of `rxdetect score`, as frozen dataclasses: `Recipe` for the processing, `Outputs` for the output files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,43 +19,43 @@ SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
 
 @dataclass(frozen=True)
 class Recipe:
-    """Options of the processing; every field has a default.
+    """Options of the processing in `score_file`; every field has a default.
 
     Attributes
     ----------
     method : str
-        A key of `detect.rx.METHODS`, or "auto". Auto: if an option is set that "sea" does not have, the detector that
-        has it. If not, "rx" for a scene of more than 16 bands or without water, and "sea" for all others.
+        A key of `detect.rx.METHODS`, or "auto". "auto" selects the method of an option that "sea" does not have, if one
+        is set; else "rx" for `threshold` "f" or "chi2", more than 16 bands, or a scene without water; else "sea".
     window : (int, int)
-        Sides of guard and window of "local" [pixel].
+        For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int
-        As `detect.local.local_rx`.
+        For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        As `detect.background.fit`; "local" allows "empirical" and "ridge".
+        Estimator of the covariance, as in `detect.background.fit`; "local" allows "empirical" and "ridge".
     background : str
-        "": all valid pixels; else a GeoJSON file, mask raster, window, or a saved background.
+        Pixels to compare with. "": all valid pixels; else a GeoJSON file, mask raster, window, or saved background.
     bands, nir : tuple of str
-        Bands to use (empty: visible bands for "sea", else all or those of the saved background), and the NIR (for
+        Bands to use (empty: visible bands for "sea", else all or those of the saved background), and NIR bands (for
         "residual" and the water mask), by name or 1-based number.
     drop : int
-        Number of leading eigenvectors that "subspace" leaves out.
+        For "subspace": number of leading eigenvectors of the covariance that are left out.
     mask : str
         Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
-        is water for "sea", else everywhere. "sea" fills the holes of the mask at floating objects.
+        is "water" for "sea", else "none". "sea" fills the holes of the mask at floating objects.
     pfa : float, optional
         Requested false-alarm rate per pixel; without it and `false_per_km2` there is no threshold.
     threshold : str
-        One of `detect.threshold.THRESHOLDS`.
+        How the threshold is found; one of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
-        Requested number of false objects per km2 of sea, instead of pfa; for "sea".
+        For "sea": requested number of false objects per km2 of sea, instead of `pfa`.
     largest_object : (float, float)
-        Length and width of the largest floating object [m]; for "sea".
+        For "sea": length and width of the largest floating object [m].
     side : str
-        "auto", "bright" or "both": sign of the anomalies; for "sea".
+        For "sea": "bright" (brighter than the water), "both" (or darker), or "auto" (depends on the size of a pixel).
     moving : bool
-        Determine the speed and heading of objects, from bands that are not simultaneous.
-    min_size, merge_distance
-        As `detect.objects.find`.
+        Whether to determine speed and heading of objects, from at least three bands that are not simultaneous.
+    min_size, merge_distance : int, float
+        Minimum size of an object, and distance within which parts are one object, as in `detect.objects.find` [pixel].
     """
 
     method: str = "auto"
@@ -104,7 +104,7 @@ class Recipe:
 
     @property
     def kind(self) -> Method:
-        """Entry of the method in the table of detectors; for "auto" the entry of "rx", which allows every output."""
+        """Properties of the method, from `detect.rx.METHODS`; for "auto" those of "rx", which has every output."""
         return METHODS["rx" if self.method == "auto" else self.method]
 
     @property
@@ -118,11 +118,11 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write, and options for writing them."""
+    """Output files of `score_file`, and options for writing them."""
 
     image: Path  # the scores; the sidecar is this with ".json" appended
     p_value: Path | None = None  # raster of p-values
-    flags: Path | None = None  # raster of `detect.pipeline.scoring.MEANINGS`
+    flags: Path | None = None  # raster of flags, the bits of `detect.pipeline.scoring.MEANINGS`
     objects: Path | None = None  # detected objects, GeoJSON or GeoPackage
     background: Path | None = None  # the fitted background
     overwrite: bool = False  # replace existing files
@@ -130,7 +130,7 @@ class Outputs:
     chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
-        """Check that the recipe produces the requested outputs. Raises InputError: it does not."""
+        """Raise InputError if the recipe cannot produce the requested outputs."""
         for wrong, message in (
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
@@ -153,6 +153,6 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """All files that will be written, without chips and the QGIS style."""
+        """Paths of all files that will be written, except pictures of objects and the QGIS style."""
         extra = (self.p_value, self.flags, self.objects, self.background)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

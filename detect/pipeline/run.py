@@ -55,9 +55,9 @@ class Result:
     Attributes
     ----------
     tally : PixelCounts
-        Number of scored pixels, and of pixels without a score by reason.
+        Number of scored pixels, and number of pixels without a score for each reason.
     background : Background or None
-        None for methods without one background for the whole scene.
+        The background that was fitted or read; None for methods without one background for the whole scene.
     threshold : Threshold or None
         None if no false-alarm rate was requested.
     objects : int or None
@@ -96,7 +96,7 @@ def score_file(
     threads : int, optional
         Number of threads, by default all processors. The result does not depend on it.
     progress : callable(stage, done, total), optional
-        Called with the name of the stage and numbers of tiles.
+        Called with the name of the stage, the number of tiles that are done, and the number of all tiles.
     cluster : Cluster, optional
         Workers in place of threads, as in `deglint.remove_glint`; the result is the same to the bit.
     **options
@@ -143,7 +143,7 @@ def _run(
     scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress,
     cluster: Cluster | None,
 ) -> Result:  # fmt: skip
-    """Fit, score, mark objects and write all files of an open scene."""
+    """Do all steps of `score_file` for an open scene: fit, score, mark objects, and write the files `targets`."""
     begun = time.perf_counter()
     log_scene(scene)
     if recipe.method == "auto" and (targets.p_value or targets.background):
@@ -194,7 +194,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return counts, the highest scores, and the ALONGSIDE and ATTACHED pixels by class."""
+    """Score and write all tiles; return pixel counts, highest scores, and for "sea" ALONGSIDE and ATTACHED pixels."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
@@ -215,7 +215,7 @@ def _write_tiles(
 
 
 def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
-    """File and layout of each output raster, by the name of its field in `Scored`."""
+    """File and layout of each output raster; keys are the names of fields of `detect.pipeline.scoring.Scored`."""
     info = raster_of(plan.scene).info
     options = dict(targets.options)
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
@@ -235,7 +235,7 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
 def _describe(
     plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
 ) -> dict[str, Any]:
-    """Versions, inputs, options and results of a run as plain values for JSON."""
+    """Content of the sidecar: versions, inputs, options and results of a run, as plain values for JSON."""
     recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
     if plan.recipe.method == "local":
         inner, outer = plan.recipe.window
@@ -276,7 +276,7 @@ def _notes_on(plan: Plan) -> list[str]:
 
 
 def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) -> list[str]:
-    """Warnings about the reliability of the scores."""
+    """Warnings about the reliability of the scores, one line each."""
     said = []
     if background := plan.background:
         if background.rank < background.bands:
@@ -300,9 +300,9 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
 
 
 def _removal_without_effect(plan: Plan) -> str | None:
-    """Warning that the scores are the same as without the glint removal; None if they differ, or this is not known.
+    """Warning that the scores are the same as without glint removal; None if they differ, or if this is not known.
 
-    The scores of invariant detectors are the same if the removal is linear, and the bands in use contain its NIR bands.
+    RX and similar detectors give the same scores after a linear removal, if its NIR bands are among the bands in use.
     """
     if not plan.recipe.kind.invariant or plan.recipe.covariance not in ("empirical", "mcd"):
         return None

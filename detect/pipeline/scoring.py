@@ -44,7 +44,7 @@ class PixelCounts:
     too_few: int = 0  # no score: the ring has too few valid pixels (local RX)
 
     def add(self, other: Self) -> None:
-        """Add a tile's counts."""
+        """Add the counts of another tile to these."""
         for name in vars(self):
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -103,7 +103,7 @@ class Scoring:
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
     def _of_sea(self, tile: Tile, outer: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
-        """Read and score a tile of the sea, and count its pixels by class; `outer` is the tile with its halo."""
+        """Score and flag a tile for the method "sea", and count its pixels; `outer` is the tile with its halo."""
         block, classes, nir = read_sea(self.plan, rule, outer)
         core = tile.within(outer)
         scores = sea.score(block, classes, model, nir)[core]
@@ -134,7 +134,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
-    """Count the pixels of a tile; `mask` is False where masked out (None: nowhere), `states`: of local RX, or None."""
+    """Count the pixels of a tile by result; `mask` is False where masked out, `states` is that of local RX, or None."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

@@ -1,4 +1,4 @@
-"""Reports on score rasters compared with truth: numbers (JSON) and one self-contained page (HTML)."""
+"""The report of `rxdetect roc`, which compares score rasters with true targets: numbers (JSON) and one HTML page."""
 
 from .evaluate import Evaluation, Request, evaluate
 from .page import page

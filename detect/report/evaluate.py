@@ -1,4 +1,4 @@
-"""Compare score rasters with truth on one grid: all results of the report as plain numbers and text."""
+"""Compare score rasters with the truth, a map of targets on the same grid; the results are plain numbers and text."""
 
 import math
 from collections.abc import Sequence
@@ -44,13 +44,13 @@ class Request:
 
     @property
     def sign(self) -> float:
-        """Factor between scores in the files and in `Inputs`: -1 if low scores in the files are anomalous, else 1."""
+        """Factor from scores in the files to those in `Inputs`: -1 if low scores in the files are anomalous, else 1."""
         return -1.0 if self.lower else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Names and scores of the detectors, and the truth; arrays are (row, column)."""
+    """Data from the files of a request: names and scores of detectors, and the truth; arrays are (row, column)."""
 
     names: tuple[str, ...]
     scores: tuple[Array, ...]  # higher is more anomalous
@@ -63,7 +63,7 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One detector: its scores, its ROC curve, and the results."""
+    """The evaluation of one detector: its scores, its ROC curve, and the results."""
 
     name: str
     scores: Array  # (row, column), higher is more anomalous
@@ -77,7 +77,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Results of all detectors; `numbers` holds them as plain values for JSON."""
+    """Results of `evaluate` for all detectors; `numbers` holds them as plain values for JSON."""
 
     request: Request
     inputs: Inputs
@@ -92,7 +92,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     ----------
     request : Request
     progress : callable, optional
-        Called as progress(stage, done, total), where the numbers count detectors.
+        Called as progress(stage, done, total), where `done` and `total` are numbers of detectors.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
 
 
 def read_inputs(request: Request) -> Inputs:
-    """Read score rasters, and truth from a raster or a GeoJSON file."""
+    """Read the files of a request: score rasters, and the truth, which is a raster or a GeoJSON file."""
     scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
@@ -171,7 +171,7 @@ def _first_band(scene: Scene) -> Array:
 
 
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
-    """Object number of each pixel (0: background), and mask of valid truth, (row, column); `notes` gets more lines."""
+    """Read the truth: object number (0: background) and validity of each pixel, (row, column); may add to `notes`."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
         return marks, np.ones(marks.shape, np.bool_)
@@ -188,7 +188,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number of the feature of a GeoJSON file that contains the centre of each pixel, from 1; 0 for none."""
+    """Rasterise a GeoJSON file on `grid`: number, from 1, of the feature that contains a pixel's centre; 0 if none."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
@@ -209,7 +209,7 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
 
 
 def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
-    """Check that a scene lies on `grid`. InputError, which calls the two `name` and `reference`: the grids differ."""
+    """Raise InputError if `scene` is not on the pixel grid of `grid`; the message names them `name` and `reference`."""
     if not same_grid(raster_of(scene).info, grid):
         sizes = [f"{s.height} x {s.width} pixels" for s in (scene, grid)]
         raise InputError(
@@ -219,7 +219,7 @@ def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
 
 
 def _names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Short names of files: their stems, or their paths where stems repeat. Raises InputError: a path repeats."""
+    """Short names of files: their stems, or paths where a stem is not unique. Raises InputError if a path repeats."""
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise InputError(f"SCORES {twice} is given twice: leave one out.")
@@ -228,7 +228,7 @@ def _names(paths: Sequence[str]) -> tuple[str, ...]:
 
 
 def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: float | None) -> Judged:
-    """Evaluate one detector; `area` is the area of a pixel [m2], None where it is not known."""
+    """Evaluate the detector `name` by its `scores`; `area` is the area of a pixel [m2], None if it is not known."""
     roc = Roc.of(scores, inputs.objects, inputs.valid)
     rates = [r for r in RATES if r * len(roc.background) >= 1]
     bands = None
@@ -265,7 +265,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """Summary numbers and some points of a ROC curve, as plain values; `bands`: its confidence bands, if computed."""
+    """Summary numbers and some points of a ROC curve, as plain values; `bands` has its bootstrap intervals, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     return {
@@ -286,7 +286,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
-    """Table of objects, and curve of found objects and false alarms, as plain values; `square_km`: valid area [km2]."""
+    """Object scores, and curve of objects found and false alarms, as plain values; `square_km`: valid area [km2]."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
@@ -300,7 +300,7 @@ def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:
-    """DeLong's test of two detectors, and bootstrap interval, from the same draws, of the difference of their AUC."""
+    """Difference of the AUC of two detectors: DeLong's test, and a bootstrap interval from the same draws for both."""
     low = high = None
     if a.bands is not None and b.bands is not None:
         low, high = map(float, np.percentile(a.bands.areas - b.bands.areas, [2.5, 97.5]))

@@ -1,4 +1,4 @@
-"""The report as text, and as one HTML page (jinja2, matplotlib) without scripts or external files."""
+"""The report of `rxdetect roc` as text, and as one HTML page (jinja2, matplotlib) without scripts or other files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _CUTOUT_MARGIN = 12  # margin around a false alarm [pixel]
 
 
 def render(package: str, **values: Any) -> str:
-    """Fill the template `report.html.jinja` of a package, with the style that all pages share."""
+    """Fill the HTML template `report.html.jinja` of a package with `values`, and with the style that pages share."""
     from jinja2 import Environment
 
     style = files("detect.report").joinpath("style.css").read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def render(package: str, **values: Any) -> str:
 
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
-    """The complete page (HTML); `made` comes from `provenance`."""
+    """The complete report (HTML) of an evaluation; `made` comes from `provenance`."""
     return render(
         "detect.report", found=found, numbers=found.numbers, made=made, objects=_objects(found), counted=counted,
         as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
@@ -50,7 +50,7 @@ def page(found: Evaluation, made: Mapping[str, Any]) -> str:
 
 
 def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
-    """Versions, machine, command and inputs of a report. Raises ReadError: a file changed while it was read.
+    """Versions, machine, command and inputs of a report. Raises ReadError if a file changed while it was read.
 
     `seconds` is the duration of the evaluation [s]; `checksum` was made before the files were read.
     """
@@ -70,7 +70,7 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
 
 def _objects(found: Evaluation) -> list[list[ObjectScore]]:
-    """Rows of a table: one object each, with its score by every detector; objects found at the lowest Pfa first."""
+    """Rows of the table of objects: one object each, with its score by every detector; in order of its lowest Pfa."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
     return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]
@@ -105,19 +105,19 @@ def table(numbers: dict[str, Any]) -> list[str]:
 
 
 def counted(n: int, name: str) -> str:
-    """Text of a number and a noun, which gets a plural s unless the number is 1."""
+    """Text of a number and the noun `name`, with a plural s unless the number is 1."""
     return f"{n:,} {name}{'' if n == 1 else 's'}"
 
 
 def check_installed(command: str) -> None:
-    """Check that matplotlib and jinja2 are installed for a command. Raises InputError: one is missing."""
+    """Check that matplotlib and jinja2 are installed, for `command`. Raises InputError if one is missing."""
     missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
     if missing:
         raise InputError(f"{command} needs {' and '.join(missing)}: pip install 'deglint[reports]'.")
 
 
 def as_uri(figure: Figure, form: str = "svg") -> str:
-    """Convert a figure to a data URI; `form` is "svg" or "png"."""
+    """Convert a matplotlib figure to a data URI for HTML, in the format `form`: "svg" or "png"."""
     import matplotlib as mpl
 
     file = io.BytesIO()
@@ -127,7 +127,7 @@ def as_uri(figure: Figure, form: str = "svg") -> str:
 
 
 def new_figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Any]]:
-    """New figure of a width and a height [inch], without a window or global state, and its panels side by side."""
+    """New matplotlib figure of `width` x `height` [inch], made without pyplot, and its `panels` axes, side by side."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -179,9 +179,9 @@ def object_curves(found: Evaluation) -> Figure:
 
 
 def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
-    """Reduce scores, (row, column), for display: the maximum of each square cell; and the side of a cell [pixel].
+    """Reduce scores, (row, column), for display to the maximum of each square cell; return also its side [pixel].
 
-    With the maximum, small targets remain visible. NaN where no score of a cell is valid.
+    With the maximum, small targets remain visible. A cell without a `valid` score is NaN.
     """
     from skimage.measure import block_reduce
 
@@ -191,7 +191,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot the scores of a scene, objects in boxes (dashed: not found), and the worst false alarms, numbered from 1."""
+    """Plot the scores of a detector, boxes around objects (dashed: not found), and its highest false alarms."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape
@@ -215,7 +215,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
 
 
 def chips(d: Judged, found: Evaluation) -> Figure:
-    """Plot the scores around each of the worst false alarms, with the number and the maximum score as title."""
+    """Plot the scores of a detector around each of its highest false alarms, with number and score as title."""
     figure, _none = new_figure(5.0, 1.7 * -(-len(d.worst) // 3), panels=0)
     low, high = np.percentile(d.scores[found.inputs.valid], [50, 99.9])
     for number, (alarm, said) in enumerate(zip(d.worst, d.numbers["worst_false_alarms"], strict=True), start=1):

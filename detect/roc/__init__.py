@@ -1,7 +1,7 @@
-"""Separation of targets and background by scores: ROC curves, their summary numbers and confidence intervals.
+"""ROC curves, their summary numbers and confidence intervals: how well scores separate targets from background.
 
-A pixel is a target where truth is not 0, and is detected where its score is greater than a threshold: higher is more
-anomalous. Pixels that are NaN or not valid are left out and counted. No file is opened here.
+The truth is an array that is not 0 at the pixels of targets. A pixel is detected if its score is greater than a
+threshold; a higher score is more anomalous. Pixels that are NaN or not valid are only counted. No file is opened here.
 """
 
 from .bootstrap import bootstrap

@@ -1,10 +1,10 @@
-"""Confidence intervals of a ROC curve by resampling of independent objects and pieces of water.
+"""Confidence intervals of a ROC curve by the block bootstrap: objects and blocks of background are drawn at random.
 
-Pixels of an object, and neighbouring pixels of background, are correlated, so that the intervals would be too narrow if
-single pixels were drawn. Here whole objects are drawn for the targets and whole square blocks for the background, each
-with replacement (block bootstrap). Blocks should be wider than the correlation length of the clutter.
-The scores of each object and block are counted once, in bins between fixed scores (the levels); a draw is a sum of
-counts. If there are at most 1024 distinct target scores, all of them are levels, and the area under the curve is exact.
+Pixels of an object, and neighbouring pixels of background, are correlated. If single pixels were drawn, the intervals
+would be too narrow. So whole objects and whole square blocks of background are drawn, both with replacement. Blocks
+should be wider than the distance over which the scores of the background are correlated. The scores of each object and
+block are counted once, in bins between fixed scores (the levels). A draw is then a sum of counts. If there are at most
+1024 distinct target scores, all of them are levels, and the area under the curve is exact.
 
 References
 ----------
@@ -31,10 +31,10 @@ _DRAWS_AT_A_TIME = 100  # this limits the memory
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """Confidence intervals of a ROC curve and of its area: percentiles over draws of objects and blocks.
+    """Confidence bands of a ROC curve and interval of the area under it: percentiles over draws of objects and blocks.
 
-    With the same seed and the same valid pixels, two detectors have the same draws. So the confidence interval of the
-    difference of their areas follows from the differences of their `areas`, draw by draw.
+    With the same seed and the same valid pixels, two detectors have the same draws. Then percentiles of the difference
+    of their `areas`, draw by draw, are a confidence interval of the difference of the two areas.
     """
 
     pfa: Float64  # (points,): false-alarm rates
@@ -53,7 +53,7 @@ class Bands:
 
 
 def default_block(height: int, width: int) -> int:
-    """Side of the blocks [pixel]: 1/24 of the longer side of the scene, but at least 16."""
+    """Default side of the blocks of background [pixel]: 1/24 of the longer side of the scene, but at least 16."""
     return max(16, -(-max(height, width) // 24))
 
 
@@ -61,11 +61,12 @@ def bootstrap(
     scores: Array, objects: Array, valid: Mask | None = None, *, draws: int = 1000, seed: int = 0,
     block: int | None = None, pfa: npt.ArrayLike | None = None,
 ) -> Bands:  # fmt: skip
-    """Intervals of Pd at given rates Pfa, and of the area under the curve, by drawing objects and blocks.
+    """Compute confidence intervals of Pd at the false-alarm rates `pfa`, and of the area under the ROC curve.
 
-    `scores` and `objects` (0, or the number of the object of a pixel) are (row, column). The same seed gives the same
-    numbers. `block` is the side of the blocks of background [pixel], by default `default_block`. `pfa` holds the rates,
-    (points,), by default `default_grid`. Raises InputError as `Roc.of`, and for fewer than 2 draws or a block below 1.
+    `scores`, `objects` (the number of the object of a pixel; 0: background) and `valid` (False: the pixel is not used)
+    are (row, column). `draws` is the number of draws; the same `seed` gives the same result. `block` is the side of the
+    blocks of background [pixel], by default `default_block`; `pfa` is (points,), by default `default_grid`.
+    Raises InputError where `Roc.of` does, and if `draws` is below 2 or `block` below 1.
     """
     if scores.ndim != 2:
         raise InputError(f"scores must be (row, column) to be cut into blocks, got shape {scores.shape}.")
@@ -91,15 +92,14 @@ def bootstrap(
 
 
 def default_grid(background: int) -> Float64:
-    """Rates Pfa, (62,): 0.5 / n (no false alarm), then 1 / n to 1 in logarithmic steps; n = `background` [pixel]."""
+    """Default rates Pfa, (62,), for n = `background` pixels: 0.5/n (no false alarm), and log-spaced from 1/n to 1."""
     return np.append(0.5 / background, np.geomspace(1 / background, 1, 61))
 
 
 def _levels(roc: Roc) -> Array:
-    """Ascending scores, the levels, at which the bins of the counts begin and end.
+    """Ascending scores, (levels,), between which scores are counted: distinct target scores, and background scores.
 
-    Levels are distinct target scores, and background scores at ranks in logarithmic and in equal steps. Each of these
-    scores is followed by the next larger float, so that pixels with exactly this score are counted separately.
+    Background scores are those at log-spaced and at equally spaced ranks. The next larger float follows each score.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:
@@ -107,12 +107,12 @@ def _levels(roc: Roc) -> Array:
     n = len(roc.background)
     ranks = np.unique(np.concatenate([np.geomspace(1, n, _LEVELS), np.linspace(1, n, _LEVELS // 4)]).astype(np.int64))
     chosen = roc.background[n - ranks]
-    up = distinct.dtype.type(np.inf)
+    up = distinct.dtype.type(np.inf)  # with the next larger float, pixels with exactly this score have their own bin
     return np.unique(np.concatenate([distinct, np.nextafter(distinct, up), chosen, np.nextafter(chosen, up)]))
 
 
 def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
-    """Sparse counts of valid scores between levels: of each object, (objects, bins); of background, (blocks, bins)."""
+    """Count scores where `ok`, in bins between `levels`: of objects, (objects, bins), and of blocks, (blocks, bins)."""
     from scipy.sparse import coo_array, csr_array, vstack
 
     bins = len(levels) + 1
@@ -135,7 +135,7 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
 
 
 def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
-    """Area under the curve, (draws,), and Pd at the rates Pfa `at`, (draws, points), from the counts of `_count`."""
+    """Draw from the counts of `_count`; return area under the curve, (draws,), and Pd at Pfa `at`, (draws, points)."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):

@@ -1,9 +1,9 @@
-"""The ROC curve of a scene, all numbers that follow from it, and DeLong's standard error of its area.
+"""The ROC curve of a scene, its summary numbers, and DeLong's standard error of the area under it.
 
 The scores of targets and of background are sorted separately. All numbers follow from the ranks of target scores among
 background scores: no pairs of pixels are formed, and no pixel is left out for speed.
-DeLong's intervals assume independent pixels. The pixels of an image are not independent: neighbours share target, glint
-and sensor. So the intervals are too narrow for images; `bootstrap` over objects and blocks is valid.
+DeLong's intervals assume independent pixels. Neighbouring pixels of an image are not independent, because they have the
+target or the glint in common. So these intervals are too narrow for images, and those of `bootstrap` should be used.
 
 References
 ----------
@@ -11,8 +11,8 @@ Hanley, McNeil (1982), Radiology 143, 29-36, doi:10.1148/radiology.143.1.7063747
 portion of the ROC curve", Medical Decision Making 9, 190-195, doi:10.1177/0272989X8900900307. Chang (2021), "An
 effective evaluation tool for hyperspectral target detection: 3D receiver operating characteristic curve analysis",
 IEEE TGRS 59, 5131-5153, doi:10.1109/TGRS.2020.3021671. DeLong, DeLong, Clarke-Pearson (1988), Biometrics 44, 837-845,
-doi:10.2307/2531595; by ranks, in O(n log n), as Sun, Xu (2014), IEEE Signal Processing Letters 21, 1389-1393,
-doi:10.1109/LSP.2014.2337313.
+doi:10.2307/2531595; computed by ranks, in O(n log n), as in Sun, Xu (2014), IEEE Signal Processing Letters 21,
+1389-1393, doi:10.1109/LSP.2014.2337313.
 """
 
 import math
@@ -32,7 +32,7 @@ _Z = 1.959963984540054  # half-width of a normal interval of 95 % in standard er
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Rates of false alarms and of detection at a threshold; pixels with greater scores are detected."""
+    """False-alarm and detection rate at a threshold; a pixel is detected if its score is greater than the threshold."""
 
     pfa_requested: float  # requested false-alarm rate; `pfa` is at most this
     threshold: float
@@ -42,14 +42,14 @@ class OperatingPoint:
 
 @dataclass(frozen=True, eq=False)
 class Roc:
-    """A ROC curve, as the sorted scores of targets and of background.
+    """A ROC curve, stored as the sorted scores of targets and of background.
 
     Attributes
     ----------
     targets, background : (n,) ndarray
-        Scores in ascending order and in their own type; integers are converted to float64.
+        Scores of the target pixels and of the background pixels, ascending; integers are converted to float64.
     left_out : int
-        Number of pixels that are not valid.
+        Number of pixels that are not valid, and therefore not used.
 
     Examples
     --------
@@ -64,21 +64,21 @@ class Roc:
 
     @classmethod
     def of(cls, scores: Array, truth: Array, valid: Mask | None = None) -> Self:
-        """Make the curve from scores and truth.
+        """Make the curve from the scores and the truth of all pixels.
 
         Parameters
         ----------
         scores : ndarray
-            Any shape; NaN is not valid.
+            Scores of the pixels, any shape; a pixel with NaN is not valid.
         truth : ndarray of the same shape
-            A target where it is not 0; NaN is not valid.
+            Not 0 where a pixel is a target, 0 for background; a pixel with NaN is not valid.
         valid : ndarray of bool, optional
-            True where a pixel counts.
+            False where a pixel is not used; by default all pixels are used.
 
         Raises
         ------
         InputError
-            Shapes differ; no valid pixel, no target, no background; an infinite score; all scores equal.
+            The shapes differ, no target or no background is valid, a score is infinite, or all scores are equal.
         """
         scores, truth = np.asarray(scores), np.asarray(truth)
         ok = usable(scores, truth, valid)
@@ -101,7 +101,7 @@ class Roc:
 
     @cached_property
     def _steps(self) -> tuple[Array, Int64, Int64, Int64]:
-        """Distinct target scores t, ascending; and numbers of targets at t, background below t, background up to t."""
+        """Distinct target scores t, ascending; for each t, numbers of targets = t, background < t, background <= t."""
         distinct, counts = np.unique(self.targets, return_counts=True)
         below, upto = (np.searchsorted(self.background, distinct, side) for side in ("left", "right"))
         return distinct, counts.astype(np.int64), below.astype(np.int64), upto.astype(np.int64)
@@ -118,7 +118,7 @@ class Roc:
 
     @cached_property
     def auc(self) -> float:
-        """Area under the curve: P(target > background) + P(equal)/2, counted exactly (Mann-Whitney)."""
+        """Area under the curve: P(target score > background score) + P(equal scores) / 2, exact (Mann-Whitney)."""
         _, counts, below, upto = self._steps
         return int((counts * (below + upto)).sum()) / 2 / (len(self.targets) * len(self.background))
 
@@ -133,12 +133,12 @@ class Roc:
         return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
 
     def mcclish(self, pfa_max: float) -> float:
-        """Partial area, scaled to 0.5 for a random and 1 for a perfect detector (McClish 1989, eq. 4)."""
+        """Area from 0 to `pfa_max`, scaled to 0.5 for a random and 1 for a perfect detector (McClish 1989, eq. 4)."""
         least = pfa_max * pfa_max / 2
         return (1 + (self.partial_auc(pfa_max) - least) / (pfa_max - least)) / 2
 
     def point(self, pfa: float) -> OperatingPoint:
-        """The highest Pd whose Pfa is at most `pfa`. The threshold is a background score; nothing is interpolated."""
+        """Operating point with the highest Pd at a Pfa of at most `pfa`; its threshold is a background score."""
         _check_pfa(pfa)
         n = len(self.background)
         allowed = min(math.floor(pfa * n * (1 + 1e-12)), n - 1)
@@ -149,7 +149,7 @@ class Roc:
 
     @cached_property
     def precision_recall(self) -> tuple[Float64, Float64]:
-        """Precision and recall (Pd) for thresholds just below each distinct target score, (points,), highest first."""
+        """Precision and recall (Pd), (points,), at thresholds just below the distinct target scores, highest first."""
         _, counts, below, _ = self._steps
         found = np.cumsum(counts[::-1])
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
@@ -183,18 +183,18 @@ class Roc:
 
     @cached_property
     def average_precision(self) -> float:
-        """Sum of precision times step of recall, not interpolated; depends on the fraction of target pixels."""
+        """Sum over thresholds of precision times increase of recall. It depends on the fraction of target pixels."""
         precision, recall = self.precision_recall
         return float((precision * np.diff(recall, prepend=0)).sum())
 
     def three_d(self) -> dict[str, float]:
-        """Measures of the 3-D ROC curve (Chang 2021), over thresholds tau of scores that are scaled to 0..1.
+        """Measures of the 3-D ROC curve (Chang 2021): Pd and Pfa as functions of the threshold tau.
 
         Returns
         -------
         dict
-            d_tau, f_tau: areas under Pd(tau) and Pfa(tau) (eq. 18, 19), equal to the mean scores of targets and of
-            background; d_tau_trapezoid, f_tau_trapezoid: the same by the trapezoid rule over the distinct scores;
+            d_tau, f_tau: areas under Pd(tau) and Pfa(tau) (eq. 18, 19), where scores and tau are scaled to 0..1: the
+            mean scores of targets and of background. d_tau_trapezoid, f_tau_trapezoid: the same by the trapezoid rule.
             td = auc + d_tau, bs = auc - f_tau, tdbs = d_tau - f_tau, od = auc + d_tau - f_tau, snpr = d_tau / f_tau.
             All measures depend on the lowest and the highest score: use them only to compare detectors on one scene.
         """
@@ -213,7 +213,7 @@ class Roc:
 
 @dataclass(frozen=True)
 class AucInterval:
-    """Area under a ROC curve and its confidence interval (DeLong); NaN for a single target or background pixel."""
+    """Area under a ROC curve, and its DeLong interval, which is NaN if there is one target or one background pixel."""
 
     auc: float
     standard_error: float
@@ -238,13 +238,13 @@ class Comparison:
 
 
 def auc_interval(roc: Roc) -> AucInterval:
-    """Area under a curve, DeLong's standard error (1988, eq. 6), and 95 % interval (normal, limited to 0..1)."""
+    """Area under a ROC curve, its standard error (DeLong 1988, eq. 6) and normal 95 % interval, limited to 0..1."""
     error = math.sqrt(_variance(*_components(roc.targets, roc.background, roc)))
     return AucInterval(roc.auc, error, max(roc.auc - _Z * error, 0.0), min(roc.auc + _Z * error, 1.0))
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors, on pixels where both scores are valid; parameters as `Roc.of`."""
+    """DeLong's paired test of two detectors by their scores, where both are valid; `truth`, `valid` as in `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]
@@ -261,7 +261,7 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
 def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, Float64]:
     """Fraction of background below each target, and of targets above each background pixel; equal scores count half.
 
-    `targets`, (targets,), and `background`, (pixels,), may have any order; `roc` holds the same scores, sorted.
+    Scores `targets`, (targets,), and `background`, (pixels,), have any order; `roc` holds the same scores, sorted.
     """
     below, at_least = (
         (np.searchsorted(others, own, "left") + np.searchsorted(others, own, "right")) / (2 * len(others))
@@ -271,9 +271,9 @@ def _components(targets: Array, background: Array, roc: Roc) -> tuple[Float64, F
 
 
 def _variance(v10: Float64, v01: Float64) -> float:
-    """DeLong's variance of an area from its `_components`, or of a difference of areas from differences of components.
+    """DeLong's variance of an area under the curve, from its `_components` `v10`, (targets,), and `v01`, (background,).
 
-    `v10` is (targets,), `v01` is (background pixels,). NaN where one of them has fewer than two values.
+    Differences of components give the variance of a difference of areas. NaN if `v10` or `v01` has only one value.
     """
     if min(len(v10), len(v01)) < 2:
         return math.nan
@@ -281,7 +281,7 @@ def _variance(v10: Float64, v01: Float64) -> float:
 
 
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
-    """Mask of the pixels that count: score and truth are not NaN, and `valid` is True. All have the same shape."""
+    """Mask of the pixels to use: score and truth are not NaN, and `valid` is True. All arrays have the same shape."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")

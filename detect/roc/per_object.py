@@ -1,7 +1,7 @@
 """Detection counted by objects instead of pixels.
 
-An object is found when one of its pixels is detected. A connected part of the detected pixels that contains a pixel of
-an object belongs to the object; every other part is one false alarm, whatever its size.
+An object is found if at least one of its pixels is detected. A connected part of the detected pixels that contains a
+pixel of an object belongs to the object. Every other connected part is one false alarm, of any size.
 """
 
 from collections.abc import Iterator
@@ -15,13 +15,13 @@ from ..arrays import Array, Float64, Int32, Int64, Mask
 from ..objects import Object, find, label
 from .curve import Roc, usable
 
-RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # Pfa of the operating points; less than one background pixel is left out
+RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # Pfa of the operating points; only those of at least one pixel are used
 _MOST_THRESHOLDS = 40  # maximum number of thresholds of an `ObjectCurve` that are scores of objects
 
 
 @dataclass(frozen=True)
 class ObjectScore:
-    """Score of an object of the truth."""
+    """Scores of one object of the truth, over its valid pixels."""
 
     number: int  # number of the object in the truth
     size: int  # number of its valid pixels
@@ -45,15 +45,15 @@ class ObjectCurve:
 
     @property
     def pd(self) -> Float64:
-        """Fraction of the objects found."""
+        """Fraction of the objects that are found at each threshold, (steps,)."""
         return np.asarray(self.found / len(self.objects))
 
 
 def number_objects(truth: Array, *, connected: bool = False) -> Int32:
-    """Number of the object of each pixel, (row, column); 0 elsewhere.
+    """Number of the object to which each pixel belongs, (row, column); 0 for background.
 
-    `truth`, (row, column), has 0 or the number of an object; NaN is no object. If there is only one number, or with
-    `connected` (for a map of classes), connected parts are the objects. Raises InputError: a number is no integer.
+    `truth`, (row, column), has the number of an object, or 0 or NaN for background. If all objects have one number, or
+    `connected` is True, each connected part is an object instead. Raises InputError if a number is not an integer.
     """
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
@@ -69,10 +69,10 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
 def object_curve(
     scores: Array, objects: Array, roc: Roc, valid: Mask | None = None, *, pfa_max: float = 0.1
 ) -> ObjectCurve:
-    """Scores of all objects, and number of objects found and of false alarms at thresholds.
+    """Compute the scores of all objects, and the numbers of objects found and of false alarms at many thresholds.
 
-    `objects`, (row, column), comes from `number_objects`; `roc` is the curve of the same pixels. Thresholds with a
-    pixel Pfa above `pfa_max` are left out, because false alarms merge there.
+    `scores`, `objects` (from `number_objects`) and `valid` are (row, column); `roc` is the curve of the same pixels.
+    Thresholds that detect a larger fraction of background pixels than `pfa_max` are left out: false alarms merge there.
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
@@ -97,26 +97,26 @@ def object_curve(
 
 
 def false_alarms(scores: Array, objects: Array, threshold: float, valid: Mask | None = None) -> list[Object]:
-    """Connected parts above a threshold that contain no pixel of an object, in order of descending `score_max`."""
+    """Find false alarms: connected pixels above a threshold that contain no pixel of an object; highest score first."""
     mask = (scores > threshold) & usable(scores, objects, valid)
     labels, touched = _parts(mask, objects)
     return find(mask & ~np.isin(labels, touched), scores)
 
 
 def count_false_alarms(mask: Mask, objects: Array, valid: Mask) -> int:
-    """Number of connected parts of a mask of detected pixels that contain no pixel of an object."""
+    """Number of false alarms: connected parts of the detected pixels (`mask & valid`) without a pixel of an object."""
     labels, touched = _parts(mask & valid, objects)
     return int(labels.max(initial=0)) - len(touched)
 
 
 def _parts(mask: Mask, objects: Array) -> tuple[Int32, Int32]:
-    """Number of the connected part of each pixel, (row, column); numbers of the parts that contain an object pixel."""
+    """Label the connected parts of a mask, (row, column); return also the labels of parts with a pixel of an object."""
     labels = label(mask)
     return labels, np.unique(labels[mask & (objects != 0)])
 
 
 def _scored(scores: Array, objects: Array, ok: Mask, roc: Roc) -> Iterator[ObjectScore]:
-    """Yield the score of every object that has a valid pixel; `ok` is the mask of valid pixels."""
+    """Yield the score of every object that has a valid pixel (`ok` is True); `roc` is the curve of the valid pixels."""
     rows, columns = np.nonzero(objects)
     numbers = objects[rows, columns]
     order = np.argsort(numbers, kind="stable")

@@ -1,7 +1,7 @@
 """Detection of ships, boats and swimmers on the sea: search region, detector and false-alarm rates.
 
-`region` finds the pixels of the sea, floating objects included. `fit` and `score` compare every pixel with the water
-around it. `Clutter` gives thresholds, and the expected number of false objects per square kilometre. No file is opened.
+`region` classifies the pixels of the sea, with its floating objects. `fit` and `score` compare every pixel with the
+water around it. `Clutter` computes thresholds, and the expected number of false objects per km2. No file is opened.
 """
 
 from .model import SEA_WINDOW, SIDES, SeaModel, fit, score

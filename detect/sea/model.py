@@ -4,7 +4,7 @@ At every scale s, y is the mean of each band over s x s pixels of the sea, so th
 the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
 (y - m) / sqrt(v), and R the correlation matrix of z over the sea. The distance is sqrt(z' R^-1 z). It is normalised by
 the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales.
-Pixels that are far from the water at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the
+Pixels with a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the
 statistics, and the statistics are computed again.
 """
 
@@ -37,18 +37,18 @@ _RARE = 1e-3  # fraction of water above the upper quantile that normalises the s
 _CLASSES = 32  # number of classes of the NIR; each has 3 % of the pixels: hundreds, even in a small scene
 _USUAL = 0.75  # quantile of a class's scores that is its usual score: objects on less than a quarter do not change it
 _LAST_FACTOR = 0.9
-"""Quantile of the NIR above which the divisor is constant: there, boats and swimmers are as bright as glint. On a
+"""Quantile of the NIR above which the divisor of `GlintScale` is constant: objects there are as bright as glint. On a
 simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
 _REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move by about a pixel between bands
 
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Divisor of scores by class of the NIR: usual score (75 % quantile) of water in the class, relative to all water.
+    """Divisors of scores, one for each class of NIR brightness: the usual score of its water over that of all water.
 
-    Residual glint is a heavy-tailed noise, whose standard deviation grows with the glint of the pixel. After division
-    the scores of water are similar everywhere, and a submerged object is found where the glint above it is weak.
-    Floating objects are themselves bright in the NIR. So the divisor is constant above the 90 % quantile of the NIR.
+    The usual score is the 75 % quantile. It grows with residual glint, a heavy-tailed noise. After division, the scores
+    of water are similar everywhere, and a submerged object is found where the glint above it is weak. Floating objects
+    are themselves bright in the NIR, so the divisor is constant above the 90 % quantile of the NIR.
     """
 
     centre: Float64  # (band,): median of the NIR over water
@@ -59,7 +59,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit to blocks: NIR, (band, row, column), scores and mask of water, (row, column); `side` as the attribute."""
+        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the attribute."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -77,7 +77,7 @@ class GlintScale:
         return cls(centre, spread, side, middle, np.minimum(factor, last))
 
     def nearby(self, nir: Array) -> Float32:
-        """Maximum of standardised NIR over bands and 3 x 3 pixels, averaged over a square of `side`; (row, column)."""
+        """Maximum of standardised NIR over bands and 3 x 3 pixels, (row, column), averaged over `side` x `side`."""
         import cv2
 
         centre, spread = self.centre[:, None, None], self.spread[:, None, None]
@@ -86,13 +86,13 @@ class GlintScale:
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
     def even(self, scores: Array, nir: Array) -> Float32:
-        """Divide scores, (row, column), by the divisor for the NIR, (band, row, column), of their pixels."""
+        """Divide the scores, (row, column), by the divisors for the NIR, (band, row, column), of the pixels."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class SeaModel:
-    """Statistics of the water of a scene; the same for every block."""
+    """Statistics of the water of a scene, with which `score` scores every block of the scene."""
 
     centre: Float64  # (band,): median of water [unit of the image]
     spread: Float64  # (band,): robust standard deviation of water [unit of the image]
@@ -107,11 +107,11 @@ class SeaModel:
 
     @property
     def halo(self) -> int:
-        """Margin around a block that its scores depend on [pixel]."""
+        """Width of the margin around a block that its scores depend on [pixel]."""
         return _ROUNDS * (SEA_WINDOW // 2 + self.scales[-1] // 2 + 2)
 
     def numbers(self) -> dict[str, Any]:
-        """Numbers of the model for the sidecar."""
+        """Numbers of the model, for the sidecar of an output: window, centre, spread, scales, side and q90."""
         return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
@@ -121,10 +121,10 @@ def fit(
 ) -> SeaModel:  # fmt: skip
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
-    `pixel` is the side of a pixel [m]. Below 5 m there are several scales, and `side` (one of `SIDES`) is "both" by
-    default. Otherwise, and where `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the
-    uncorrected NIR of every block, (band, row, column), is used only below 5 m, because a boat fills a larger pixel.
-    Raises NoWaterError: fewer than 100 pixels are water.
+    `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
+    default. Otherwise, or if `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the NIR of
+    every block before glint removal, (band, row, column), is used only below 5 m, because a boat fills a larger pixel.
+    Raises NoWaterError if fewer than 100 pixels are water.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
@@ -156,7 +156,7 @@ def fit(
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
-    """Distance of every sea pixel from the water around it [standard deviation]; NaN on land and where class is `RIM`.
+    """Distance of every sea pixel from the water around it [standard deviation]; NaN on land and in the class `RIM`.
 
     `block` and `nir`, (band, row, column), `classes` and the result, (row, column), cover the requested pixels and a
     margin of `model.halo` pixels. `nir` is needed if the model was fitted with a NIR.
@@ -172,9 +172,9 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 
 
 class _State:
-    """A block in robust standard deviations (`x`), its `means` at every scale, and masks, (row, column).
+    """A block `x` in robust standard deviations, (band, row, column), its `means` at every scale, and its masks.
 
-    `sea`: all sea; `water`: water and its rim; `open`: water without the rim; `used`: pixels in the statistics.
+    Masks: `sea`: water and objects; `water`: water and rim; `open`: only water; `used`: pixels in the statistics.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
@@ -190,13 +190,13 @@ class _State:
         self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
     def local(self) -> tuple[Array, Array]:
-        """Mean of `x` over used pixels of the window, (band, row, column), and their number, (row, column)."""
+        """Mean of `x` over used pixels in a window around each pixel, (band, row, column), and their number."""
         count = box_sum(self.used.astype(np.float32), SEA_WINDOW)
         total = np.stack([box_sum(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
     def standardised(self, variance: Float64) -> list[Array]:
-        """Standardised contrast z at every scale, (band, row, column); `variance`, (scale, band), of the whole sea."""
+        """Standardised contrast z, (band, row, column), of each scale; `variance`, (scale, band), is of all water."""
         mean, count = self.local()
         out = []
         for means, whole in zip(self.means, variance, strict=True):
@@ -207,7 +207,7 @@ class _State:
         return out
 
     def narrow(self, model: SeaModel) -> None:
-        """Exclude pixels that are far from the water, and two pixels around each, from the statistics."""
+        """Exclude pixels with a large distance, and two pixels around each, from the statistics: update `used`."""
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         self.used = self.water & ~grown(far, 5)
@@ -216,7 +216,7 @@ class _State:
 def _distance(z: Array, white: Float64, side: str) -> Float32:
     """Mahalanobis distance |white z|, not squared, (row, column), of contrasts z, (band, row, column).
 
-    `white` is a whitening matrix, (rank, band). For the side "bright", pixels darker than the water have 0.
+    `white` is a whitening matrix, (rank, band). For the side "bright", it is 0 in pixels darker than the water.
     """
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])
@@ -234,7 +234,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 
 def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
-    """The model with variance and whitening matrix of the used water, and quantiles of its distance, at every scale."""
+    """Return the model with new statistics at every scale: variance, whitening matrix, quantiles of the distance."""
     variance = np.zeros_like(model.variance)
     total = max(sum(int(s.used.sum()) for s in states), 1)
     for state in states:

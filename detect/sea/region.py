@@ -1,9 +1,9 @@
-"""Region of the sea with floating objects: water, and the holes and protrusions that a ship may fill.
+"""Region of the sea with floating objects: water, holes in it, and protrusions of land that may be ships.
 
 A water mask has a hole where a ship is. A hole that is no larger than the largest ship belongs to the sea. A ship
 alongside a quay makes a protrusion of the land, not a hole. Directional morphological openings find protrusions that
 are narrow and straight. Their shape distinguishes ships from rocks and corners of quays, but not from short piers.
-Protrusions with land at both ends (bridges, bars, turbid water) are not searched. Holes next to land count as clutter.
+Protrusions with land at both ends (bridges, sandbars, turbid water) are ignored. Holes next to land count as clutter.
 """
 
 import math
@@ -38,7 +38,7 @@ _HULL_BLUR = 1.5  # width that the point spread function adds to a hull [pixel]
 
 @dataclass(frozen=True)
 class SeaRule:
-    """Size of a pixel and of the largest floating object; with a length of 0 the water mask is used as it is."""
+    """Size of a pixel and of the largest floating object. If `length` is 0, no hole of the water mask is filled."""
 
     pixel: float  # side of a pixel [m]
     length: float = LARGEST[0]  # length of the largest floating object [m]
@@ -60,15 +60,17 @@ class SeaRule:
 
     @property
     def halo(self) -> int:
-        """Margin around a tile that its classes depend on [pixel]."""
+        """Width of the margin around a tile that its classes depend on [pixel]."""
         length, width = self.sides
         return math.ceil(length) + 2 * math.ceil(width) + 4 if length else 2
 
 
 def region(water: Mask, rule: SeaRule, valid: Mask | None = None) -> Classes:
-    """Classify pixels as NOT_SEA, WATER, RIM, AFLOAT, ALONGSIDE or ATTACHED; all arrays are (row, column).
+    """Classify the pixels of a water mask that has holes at floating objects; mask and classes are (row, column).
 
-    The mask of water has holes at floating objects. Pixels that are not `valid` are neither water nor land.
+    WATER is open water, RIM is water next to land. AFLOAT are holes that a ship may fill, ATTACHED are such holes next
+    to land or the edge of the image, and ALONGSIDE are protrusions of land with the shape of a ship. The rest is
+    NOT_SEA. Pixels that are not `valid` are neither water nor land.
     """
     water = np.asarray(water, np.bool_)
     land = ~water if valid is None else ~water & valid
@@ -92,7 +94,7 @@ def _opened(mask: Mask, window: Uint8) -> Mask:
 
 
 def _line(length: float, angle: float) -> Uint8:
-    """Window in the shape of a line: its length [pixel], and its angle clockwise from the upward direction [degree]."""
+    """Structuring element: a line of a length [pixel], at an angle clockwise from the upward direction [degree]."""
     import cv2
 
     half = (length - 1) / 2
@@ -104,7 +106,7 @@ def _line(length: float, angle: float) -> Uint8:
 
 
 def hull(length: float, width: float, size: float) -> bool:
-    """Whether a part of `size` pixels fills its smallest rectangle, `length` x `width` [pixel], like a long ship."""
+    """Whether a part is hull-like: long, its `size` pixels fill its smallest rectangle, `length` x `width` [pixel]."""
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
@@ -118,10 +120,7 @@ def likeness(length: float, width: float, size: float) -> float:
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle around the pixels of a mask: length and width [pixel], and angle of the longer side [degree].
-
-    The angle is clockwise from the upward direction of the image, 0 to 180 degrees.
-    """
+    """Smallest rectangle around a mask: length, width [pixel], angle of its length, clockwise from up [degree]."""
     import cv2
 
     rows, columns = np.nonzero(footprint)
@@ -134,8 +133,9 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Connected parts of a mask, as OpenCV returns them: labels, (row, column), and statistics, (label, 5); and a list,
-    (label, length, width), of the parts that are at most `length` long and `width` wide [pixel].
+    """Label the connected parts of a mask, and list the parts that are at most `length` long and `width` wide [pixel].
+
+    Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and a list of (label, length, width).
     """
     import cv2
 
@@ -152,7 +152,7 @@ def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tu
 
 
 def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
-    """Masks of parts of `land` that a ship may fill (holes): one inside water, one next to land or the image's edge."""
+    """Two masks of holes (parts of `land` that a ship may fill): those in water, and those next to land or an edge."""
     labels, stats, found = _fitting(land, length, width)
     chosen = np.zeros(len(stats), np.bool_)
     chosen[[part for part, *_ in found]] = True
@@ -166,7 +166,7 @@ def _holes(land: Mask, length: float, width: float) -> tuple[Mask, Mask]:
 def _continued(around: Mask, own: Mask) -> bool:
     """Whether a part of land has land at both ends and water at both sides. A ship has a free end, or a quay at a side.
 
-    `own`: mask of the part in its bounding box. `around`: all land there, `_ATTACHED_WITHIN` pixels wider on each side.
+    `own` is the mask of the part in its bounding box, `around` that of all land, `_ATTACHED_WITHIN` pixels wider.
     """
     inside = np.pad(own, _ATTACHED_WITHIN)
     ring = grown(inside, 2 * _ATTACHED_WITHIN + 1) & ~inside
@@ -187,7 +187,7 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Mask of parts of the land with the size and shape of a ship; if two touch, the one with the higher `likeness`.
+    """Mask of parts of `land` with the size and shape of a ship; if two touch, the one with the higher `likeness`.
 
     For every direction, the function selects land that is not wider than a ship across the direction, and straight
     along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.

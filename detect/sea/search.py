@@ -1,8 +1,8 @@
-"""Search an array for objects on the sea; compute thresholds for a rate per pixel, and false objects per square km.
+"""Search an image of the sea for objects; compute thresholds for a false-alarm rate, and false objects per km2.
 
-The scores of clutter are heavy-tailed, and the ships are in the tail. Candidates that are larger and brighter than
-clutter are confirmed and excluded. A generalised Pareto distribution is fitted to the others. Small objects cannot
-be distinguished from clutter. They are not confirmed and count as false alarms, so that the rate is not underestimated.
+Clutter, such as waves, has heavy-tailed scores, and the ships are in the tail. Candidates (connected pixels) that are
+larger and brighter than clutter are confirmed and excluded. A generalised Pareto distribution is fitted to the
+others. Small objects cannot be distinguished from clutter. They count as false alarms: rates are not underestimated.
 """
 
 import math
@@ -58,11 +58,11 @@ class Clutter:
 
     @property
     def fitted(self) -> bool:
-        """Whether a distribution is fitted to the peaks; else their ranks are used."""
+        """Whether a distribution is fitted to the peaks; if not, their ranks are used."""
         return math.isfinite(self.shape)
 
     def false_per_km2(self, score: float, pixels: int = 1) -> float:
-        """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN without an area.
+        """Expected number of false objects per km2 with a `score_top` of at least `score`; NaN if `area` is NaN.
 
         Few false objects are large. If `pixels` is at least `large[0]` and `score` exceeds `large[1]`, the number is
         multiplied by `large_share`. Pass `pixels`, the size of the object, only if the object has the shape of a ship,
@@ -83,7 +83,7 @@ class Clutter:
         return min(share, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`Object.score_top` that so many false objects per km2 reach or exceed. InputError without an area."""
+        """`Object.score_top` that `false_per_km2` false objects per km2 reach. Raises InputError if `area` is NaN."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)
@@ -98,7 +98,7 @@ class Clutter:
         return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
 
     def threshold(self, pfa: float) -> Threshold:
-        """Threshold that a fraction `pfa` of the clutter pixels exceeds."""
+        """Threshold on scores that the fraction `pfa` of the clutter pixels exceeds, from `from_tail`."""
         found = from_tail(self.tail, pfa)
         notes, left_out = [*found.notes], f"{self.confirmed} ({self.confirmed_pixels} pixels)"
         if pfa * self.tail.n < 1:
@@ -113,7 +113,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`). `fine`: pixels are smaller than a boat.
+    `_LARGE_OBJECTS`). `fine` is True if pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -136,7 +136,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
-    """Remove scores from a tail; each value is removed as often as it is in `taken`."""
+    """Remove the scores `taken` from a tail; each value is removed as often as it occurs in `taken`."""
     ascending = tail.values[::-1]
     gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
     at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
@@ -150,15 +150,14 @@ class Search:
     Attributes
     ----------
     scores : (row, column) ndarray of float32
-        Distance from the water around [standard deviation]; NaN where there is no sea.
+        Distance from the water around [standard deviation]; NaN on land, in water next to land, and where not valid.
     classes : (row, column) ndarray of uint8
         Class of each pixel, from `detect.sea.region`.
     objects : list of dict
         One record per object, highest score first; `pandas.DataFrame(search.objects)` makes a table.
-    threshold : Threshold
-    clutter : Clutter
-        Converts a score to the expected number of false objects per km2.
-    model : SeaModel
+    threshold, clutter, model : Threshold, Clutter, SeaModel
+        Threshold of the scores for the requested rate; `clutter` converts a score to the expected number of false
+        objects per km2; `model` holds the statistics of the water.
     """
 
     scores: Float32
@@ -173,24 +172,25 @@ def score_scene(
     image: npt.ArrayLike, water: npt.ArrayLike | None = None, *, pixel: float = 10.0, pfa: float = 1e-4,
     side: str | None = None,
 ) -> Search:  # fmt: skip
-    """Search the sea of an image for ships, boats and swimmers.
+    """Search the sea in an image for ships, boats and swimmers.
 
     Parameters
     ----------
     image : (band, row, column) array
         NaN where not valid. The visible bands of a deglinted scene give the best results.
     water : (row, column) array of bool, optional
-        Water mask with holes at floating objects; all valid pixels by default.
+        Water mask, False on land and at floating objects; by default, all valid pixels are water.
     pixel : float
         Side of a pixel [m].
     pfa : float
         Requested false-alarm rate per pixel.
     side : str, optional
-        Sign of the anomalies, "bright" or "both" (bright and dark); by default from the size of a pixel.
+        Anomalies to find: "bright" or "both" (bright and dark); by default "both" if `pixel` is below 5 m.
 
     Returns
     -------
     Search
+        Scores and objects; ships alongside a quay, and holes next to land, are not among the objects.
 
     Raises
     ------

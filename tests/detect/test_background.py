@@ -96,6 +96,7 @@ def test_robust_of_a_normal_background_is_its_covariance():
     np.testing.assert_allclose(fit(image, covariance="mcd").covariance, np.eye(3), atol=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", COVARIANCES)
 @given(rows=st.integers(1, 4), columns=st.integers(1, 4), holes=st.booleans())
 @settings(max_examples=6)

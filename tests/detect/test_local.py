@@ -143,6 +143,7 @@ def test_as_the_spectral_package():
     np.testing.assert_allclose(local_rx(image, inner=5, outer=15)[inside, inside], theirs[inside, inside], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bands", [3, 30])
 @given(data=st.data())
 @settings(max_examples=8)

@@ -125,6 +125,7 @@ def test_a_block_with_its_halo_scores_as_the_whole():
     np.testing.assert_allclose(block[:100], whole[:100], rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("pfa", [1e-3, 1e-4])
 def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):

@@ -1,4 +1,4 @@
-"""Spectral and angular tables of published models; the header of each file gives its source and licence."""
+"""Spectral and angular tables of published models, as CSV files; the header of each gives its source and licence."""
 
 from functools import cache
 from importlib import resources
@@ -12,13 +12,13 @@ WAVELENGTH_RANGE = (300.0, 1000.0)  # wavelength range of the tables of light an
 
 
 def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
-    """Check wavelengths [nm], return them as float64. Raises InputError: outside `WAVELENGTH_RANGE`."""
+    """Return wavelengths [nm] as float64; raise InputError if one of them is outside `WAVELENGTH_RANGE`."""
     return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 
 @cache
 def load(name: str) -> dict[str, npt.NDArray[np.float64]]:
-    """Columns of a table of this package, by the name of the column; `name` is the file name without ``.csv``.
+    """Columns of a table of this package, by column name; `name` is the name of the table's file without ``.csv``.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Recognise products: a folder, an archive, a metadata file, or an image with its metadata nearby.
+"""Recognise products of satellites and drones: a folder, an archive, a metadata file, or an image that belongs to one.
 
-`PRODUCTS` is the table of families of products: a new family needs a module with METADATA, IMAGES and find, and a line
+`PRODUCTS` is the table of families of products. A new family needs a module with METADATA, IMAGES and find, and a line
 in the table. Only local files are recognised; other GDAL names (/vsis3/, https://) are opened as rasters.
 """
 
@@ -26,14 +26,14 @@ PRODUCTS: dict[str, Any] = {
     "MicaSense and DJI captures": drone,
 }
 """Module of each family of products, in the order in which they are tried. In a module, METADATA is the regular
-expression for names of metadata files, and IMAGES for names of images that may have metadata nearby."""
+expression for names of metadata files, and IMAGES that for names of images that may have metadata nearby."""
 _FOLDERS_ABOVE = 4
 """Number of folders above an image in which Sentinel-2 metadata may lie; other families have them beside it."""
 
 
 @dataclass(frozen=True)
 class OpenedFiles:
-    """The files that a name stands for: descriptions of rasters, their product (or None), and notes."""
+    """Files that a name stands for: descriptions of the rasters, the product with these files (or None), and notes."""
 
     infos: list[RasterInfo]
     product: Product | None
@@ -41,7 +41,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files that a name stands for: the files of a product, else one raster by calling `describe`."""
+    """Describe the files that `path` stands for: those of a product, or else one raster, by calling `describe`."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -59,7 +59,7 @@ def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
 
 
 def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
-    """Notes on opened files: a line with kind, name and bands of each product, then each of the other notes once."""
+    """Notes on opened files: one line with kind, name and bands of each product, then all other notes, once each."""
     products: dict[str, list[str]] = {}
     for product in (o.product for o in found if o.product is not None):
         products.setdefault(f"{product.kind}, product {product.name}", []).extend(b.name for b in product.bands)
@@ -71,13 +71,13 @@ def notes_of(found: Sequence[OpenedFiles]) -> list[str]:
 
 
 def named(found: Sequence[OpenedFiles]) -> str | None:
-    """Kind and name of the opened products, for `Scene.product`; None without a product."""
+    """Kind and name of the products among opened files, as one text for `Scene.product`; None without a product."""
     every = dict.fromkeys(f"{o.product.kind} {o.product.name}" for o in found if o.product is not None)
     return "; ".join(every) or None
 
 
 def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource | None:
-    """Detector numbers of the opened bands on the grid of their scene; None if a band has none."""
+    """Source of detector numbers (see `footprints_on`) of all opened bands, on the grid `grid`; None if incomplete."""
     bands = [band for o in found for band in (o.product.bands if o.product else ())]
     paths = [band.footprint for band in bands if band.footprint]
     whole = len(paths) == sum(info.count for o in found for info in o.infos)
@@ -85,7 +85,7 @@ def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource |
 
 
 def find(path: str) -> Product | None:
-    """The product that a name stands for, or None; metadata and file names are read, no pixels."""
+    """The product that the name `path` stands for, or None; only file names and metadata are read, no pixels."""
     place = _local(path)
     if place is None:
         return None
@@ -102,7 +102,7 @@ def find(path: str) -> Product | None:
 
 
 def name_of(path: str) -> str | None:
-    """Name of the product in a folder or an archive, or of a metadata file; None for anything else."""
+    """Name of the product if `path` is its folder, archive or metadata file; None for anything else."""
     try:
         product = find(path) if _may_be_product(_local(path)) else None
     except DeglintError:  # the error is raised when the product is opened
@@ -111,7 +111,7 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of all files that a name stands for: images, footprints and metadata of a product, else the name."""
+    """GDAL names of the files of the product `path`: images, detector numbers, metadata; `path` if it is no product."""
     product = find(path)
     if product is None:
         return (path,)
@@ -121,7 +121,7 @@ def files_of(path: str) -> tuple[str, ...]:
 
 
 def _local(path: str) -> Path | None:
-    """The local file or folder with a GDAL name; None if it does not exist or is not local."""
+    """The local file or folder that a GDAL name stands for; None if it does not exist or is not local."""
     if path.lower().endswith(".zip"):
         path = path.removeprefix("zip://").removeprefix("/vsizip/")
     return Path(path) if os.path.exists(path) else None  # noqa: PTH110  (Path raises where a name is too long)
@@ -141,7 +141,7 @@ def _first(container: Container) -> Product | None:
 def _of(family: Any, container: Container) -> Product | None:
     """The product of a family (a module of `PRODUCTS`) in a container, with names of the metadata files that were read.
 
-    Damaged metadata raise MetadataError, or give None if the user named the image itself, which is opened as a raster.
+    Damaged metadata raise MetadataError; if the user named an image, the result is None, and it is opened as a raster.
     """
     try:
         found = family.find(container)
@@ -154,7 +154,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """Folder with the metadata of the product of `place`, or None; `folder`: files of `place`, if it is a folder."""
+    """Folder with metadata of `family` for `place`, or None. If `place` is a folder, `folder` lists its files."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -1,7 +1,7 @@
-"""Pleiades, Pleiades Neo and SPOT 6 and 7: DIM_*.XML (DIMAP 2). GDAL's DIMAP driver joins the tiles of an image.
+"""Pleiades, Pleiades Neo, SPOT 6 and SPOT 7: metadata in DIM_*.XML (DIMAP 2), images opened by GDAL's DIMAP driver.
 
-The driver does not report gains or the order of bands; both are in the XML. Radiance, or reflectance in a product of
-reflectance, is DN / GAIN + BIAS with the file value DN.
+The driver joins the tiles of an image, but does not report gains or the order of bands, which are in the XML. Radiance
+(in products of reflectance: reflectance) is DN / GAIN + BIAS, with the file value DN.
 """
 
 import math
@@ -24,7 +24,7 @@ _PLEIADES_ORBIT = 694_000.0  # altitude of Pleiades and SPOT 6 and 7 [m]
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or to which a named file belongs; None if there is none."""
+    """The multispectral product in a folder or archive, or that of the file `container.named`; None without one."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files, found = container.find(METADATA), []
     for member in [named] if named in files else files:
@@ -74,9 +74,9 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
 def _angles(root: ET.Element) -> dict[str, Any]:
     """Tags with the directions of sun and satellite [degree], seen from the ground at the centre of the image.
 
-    AZIMUTH_ANGLE is the orientation of the image, not the azimuth of the satellite; VIEWING_ANGLE is measured at the
-    satellite. The azimuth of the satellite is AZIMUTH_ANGLE - atan2(tan(across), tan(along)), with the incidence angles
-    `across` and `along` the track, as in the Orfeo Toolbox (CNES).
+    In the metadata, AZIMUTH_ANGLE is the orientation of the image; VIEWING_ANGLE is measured at the satellite. The
+    azimuth of the satellite is AZIMUTH_ANGLE - atan2(tan(across), tan(along)), with the incidence angles across and
+    along the track, as in the Orfeo Toolbox (CNES).
     """
     places = list(root.iter("Located_Geometric_Values"))
     place = next((p for p in places if said(p, "LOCATION_TYPE").casefold() == "center"), places[0] if places else root)
@@ -100,7 +100,7 @@ def _angles(root: ET.Element) -> dict[str, Any]:
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
-    """Names of the bands (BAND_ID) in the order of the image, and notes."""
+    """Names of the bands (BAND_ID in the metadata) in the order of the image, and notes."""
     # Pleiades Neo has two parts, with three bands each
     parts = [part for part in root.iter("Data_Files") if part.find(".//Raster_Index") is not None] or [root]
     placed = [
@@ -126,7 +126,7 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
 
 
 def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
-    """Known scale, offset, unit, wavelength and width of a band as fields of `ProductBand`; `band` is the BAND_ID."""
+    """Scale, offset, unit, wavelength and width of the band with BAND_ID `band`, if known, as in `ProductBand`."""
     kind, unit = "Band_Radiance", PRODUCT_UNIT
     if processing == "REFLECTANCE":
         kind, unit = "Band_Reflectance", "reflectance"

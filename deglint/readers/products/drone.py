@@ -1,4 +1,4 @@
-"""MicaSense RedEdge and Altum and DJI Multispectral: captures with one TIFF per band, and mosaics.
+"""MicaSense RedEdge and Altum and DJI Multispectral: captures with one TIFF file per band, and mosaics.
 
 Their metadata are XMP, which GDAL returns as text. Exposure, gain and black level are converted to scale and offset;
 vignetting and row gradient are corrected while pixels are read. Bands of a capture are not registered to each other.
@@ -40,9 +40,9 @@ _BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not re
 
 
 def find(container: Container) -> Product | None:
-    """The capture in a folder or archive; None if there is none, InputError if there are several.
+    """The capture in a folder or archive; None if there is none. Raises InputError if there are several.
 
-    A capture is the images of all bands, taken at once. One file is not a product: `with_xmp` reads its metadata.
+    A capture is a set of images taken at once, one per band. One file is no product: `with_xmp` reads its metadata.
     """
     if container.named is not None:
         return None
@@ -85,7 +85,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """`info` with names, wavelengths, calibration and sensor from the XMP of the file (if it has one), and notes."""
+    """A copy of `info` with names, wavelengths, calibration and sensor from the file's XMP, if any, and notes."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
@@ -97,13 +97,13 @@ def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
 
 
 def is_capture(info: RasterInfo) -> bool:
-    """Whether a file is one band of a capture, which its name and XMP show."""
+    """Whether a file is one band of a capture: it has one band and XMP metadata, and is named like a capture."""
     name = PurePosixPath(info.paths[0]).name
     return info.count == 1 and "xml:XMP" in info.tags and re.fullmatch(IMAGES, name, re.IGNORECASE) is not None
 
 
 def facts_of(info: RasterInfo) -> Facts:
-    """Values in the XMP of a file by name without namespace; empty if the XMP is missing or damaged."""
+    """Values in the XMP metadata of a file, by their name without namespace; empty if XMP is missing or damaged."""
     try:
         root = xml_of(info.tags.get("xml:XMP", {}).get("xml:XMP", "").strip("\0 \n").encode(), "XMP")
     except MetadataError:
@@ -119,7 +119,7 @@ def facts_of(info: RasterInfo) -> Facts:
 
 
 def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[str]]:
-    """Bands that the XMP (`facts`) names, none if the file has more or fewer bands; and notes on corrections."""
+    """Bands that the XMP (`facts`) names, and notes on corrections; no bands if the file has more or fewer bands."""
     names = facts.get("BandName", ())
     if not names or len(names) != info.count:
         return [], []
@@ -146,17 +146,17 @@ def _kind(facts: Facts) -> str:
 
 
 def _sensor(facts: Facts) -> str | None:
-    """Name of the preset with the optics and time offsets of the camera; None for other cameras than RedEdge."""
+    """Name of the sensor preset with the camera's optics and time offsets; None if the camera is not a RedEdge."""
     return "micasense" if one(facts, "RigName").lower().startswith("rededge") else None
 
 
 def one(facts: Facts, name: str) -> str:
-    """The first value in the XMP called `name`, or ""."""
+    """The first value called `name` in the XMP; "" if there is none."""
     return next(iter(facts.get(name, ())), "")
 
 
 def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[str]]:
-    """Scale, offset, unit and flat field of an unprocessed capture, as fields of `ProductBand`, and notes."""
+    """Scale, offset, unit and `FlatField` of an unprocessed capture, as fields of `ProductBand`, and notes."""
     found = None if info.dtypes[0] != "uint16" else _micasense(info, facts) or _dji(facts)
     if found is None:
         return {}, ["the XMP says nothing of exposure: the numbers are taken as they stand"]
@@ -170,7 +170,7 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
 
 
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
-    """MicaSense's conversion of file values p to radiance; None if the XMP lacks it.
+    """MicaSense's conversion of file values p to radiance L; None if the XMP has no values for it.
 
     L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V at
     column x and row y, the black level [file value], the exposure time t [s], and a1, a2, a3 of RadiometricCalibration.
@@ -196,9 +196,9 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 
 
 def _dji(facts: Facts) -> Calibration | None:
-    """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP lacks it.
+    """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP has no values for it.
 
-    The result is c (p - black) / (gain t 2^16), unit unknown; t is the exposure time [s], c a factor of the camera.
+    The result is c (p - black) / (gain t 2^16), in no known unit; t is the exposure time [s], c a factor of the camera.
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

@@ -1,4 +1,4 @@
-"""Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or *_MTL.txt, .json or .xml.
+"""Landsat 8 and 9, Collection 2, Level 1 and Level 2: a folder, a .tar, or an MTL file (*_MTL.txt, .json or .xml).
 
 GDAL has no driver for these products: each band is a GeoTIFF, and only the MTL file has scale and offset. The MTL file
 of Level 2 also has the factors of Level 1, under the same names, so factors are read from the group of their level.
@@ -29,7 +29,7 @@ CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or to which a named band file belongs; None if there is none."""
+    """The product in a folder or archive, or that of the file `container.named`; None if there is none."""
     named, images = container.named, container.matches(IMAGES)
     if named is not None:
         images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]

@@ -1,7 +1,7 @@
-"""WorldView-2, -3 and -4, GeoEye-1 and QuickBird: an .IMD file (or the equivalent XML), a .TIL mosaic, an image.
+"""WorldView-2, -3 and -4, GeoEye-1 and QuickBird: metadata in .IMD or .XML; the image is one file, or tiles (.TIL).
 
-A mosaic of several tiles is opened by GDAL's TIL driver, a single image directly. The factor of a band to radiance is
-absCalFactor / effectiveBandwidth, both from the IMD file.
+Several tiles are opened as one image by GDAL's TIL driver, a single image directly. To convert file values of a band to
+radiance, they are multiplied by absCalFactor / effectiveBandwidth, both from the metadata.
 """
 
 import re
@@ -30,7 +30,7 @@ _NOT_ENHANCED = ("", "OFF", "NONE")
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or to which a named file belongs; None if there is none."""
+    """The multispectral product in a folder or archive, or that of the file `container.named`; None without one."""
     named = container.named
     stems = {_stem(n) for n in container.find(METADATA)}
     if named is not None:
@@ -53,7 +53,7 @@ def find(container: Container) -> Product | None:
 
 
 def _product(container: Container, stem: str, image: str, root: ET.Element) -> Product:
-    """The product of the file `image`; `root` has its metadata, `stem` is the metadata file without ending."""
+    """Make the product of the file `image` with the metadata `root`; `stem` is the metadata file without extension."""
     notes = []
     satellite, enhanced = said(root, ".//SATID"), said(root, ".//RADIOMETRICENHANCEMENT").upper()
     title, preset_name = _SATELLITES.get(satellite, (satellite, ""))
@@ -80,7 +80,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
 
 
 def _letters(root: ET.Element) -> list[str]:
-    """Letters of the bands ("B", "N2"), in the order of the image."""
+    """Letters that denote the bands in the metadata ("B", "N2"), in the order of the image."""
     return [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
 
 
@@ -89,7 +89,7 @@ def _stem(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL of a mosaic of several tiles, else the single image, at the path `stem` without ending, or None."""
+    """The .TIL file if it has several tiles, else the single image, or None; `stem` is their path without extension."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

@@ -1,8 +1,8 @@
-"""Metadata of products: the folder, zip or tar that holds them, their parsing, and their use for rasters.
+"""Metadata of image products: read them from a folder, zip or tar, parse them, and add them to descriptions of rasters.
 
-XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree. A `Product` holds plain values from
-this tree. `described` opens the headers of the product's files and adds band names, scale, offset, nodata, unit and
-tags to the descriptions of the files. Then products are treated like single files, and outputs have these metadata.
+XML, JSON and lines "NAME = value" in groups are parsed into the same type of tree. A `Product` has plain values from
+this tree. `described` reads the headers of the product's files and adds band names, scale, offset, nodata, unit and
+tags to the descriptions of the files. Then products are processed like other files, and outputs have these metadata.
 """
 
 import json
@@ -35,7 +35,7 @@ _ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 
 class MetadataError(InputError):
-    """Metadata of a product are damaged, or have the wrong format."""
+    """The metadata of an image product are damaged, or have the wrong format."""
 
     def __init__(self, name: str, why: object) -> None:
         super().__init__(f"{name} is damaged: {why}. Download it again, or name the image itself.")
@@ -43,21 +43,21 @@ class MetadataError(InputError):
 
 @dataclass(frozen=True)
 class Container:
-    """A folder or archive, and the names of its members."""
+    """A folder or archive, and the names of the files in it (its members)."""
 
     path: str
     kind: str  # "folder", "zip" or "tar"
-    names: tuple[str, ...]  # sorted paths of the members in it, with "/" between folders
+    names: tuple[str, ...]  # sorted paths of the members inside it, with "/" between folders
     named: str | None = None  # the member (a file or a folder) that the user named; None: the whole container
     was_read: list[str] = field(default_factory=list, compare=False, repr=False)  # members that were read
 
     @property
     def name(self) -> str:
-        """Name of the folder or archive, without .zip or .tar."""
+        """Name of the folder or archive, without its path and without .zip or .tar."""
         return _ARCHIVE.sub("", Path(self.path).absolute().name)
 
     def gdal(self, member: str) -> str:
-        """GDAL name of a member."""
+        """GDAL name with which a member can be opened."""
         if self.kind == "folder":
             return str(Path(self.path) / member)
         return f"/vsi{self.kind}/{Path(self.path).absolute()}/{PurePosixPath(member)}"  # without "./" in front
@@ -72,7 +72,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The only item in `found`; InputError if several; its message has `what` (a plural), `names`, `remedy`."""
+        """The only item of `found`; if there are several, raises InputError with `what` (plural), `names`, `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -83,7 +83,7 @@ class Container:
         return next((n for n in self.names if str(PurePosixPath(n)).casefold() == wanted), None)
 
     def read(self, member: str) -> bytes:
-        """Content of a small member; ReadError if it cannot be read."""
+        """Content of a small member. Raises ReadError if it cannot be read."""
         self.was_read.append(member)
         try:
             if self.kind == "zip":
@@ -98,9 +98,9 @@ class Container:
             raise ReadError(f"cannot read {member} in {self.path}: {error}. Copy or download it again.") from error
 
     def tree(self, member: str, needs: str = "") -> ET.Element:
-        """The metadata in a member as a tree, from XML, JSON or lines in groups (MTL, IMD, TIL).
+        """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        JSON objects and groups become elements. MetadataError if the metadata are damaged, or lack the element `needs`.
+        JSON objects and groups become elements. Raises MetadataError if the metadata are damaged or have no `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -118,7 +118,7 @@ class Container:
 
 
 def last(member: str) -> str:
-    """File name of a member, without folders."""
+    """File name of a member (a path in a `Container`), without folders."""
     return PurePosixPath(member).name
 
 
@@ -128,14 +128,14 @@ def is_archive(path: str) -> bool:
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
-    """List the files in a folder and its subfolders; links to folders are not followed; `named`: see `Container`."""
+    """List the files in a folder and its subfolders, not following links to folders; `named` is as in `Container`."""
     files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
     members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
     return Container(str(path), "folder", tuple(sorted(members)), named)
 
 
 def open_archive(path: str) -> Container:
-    """List the files in a .zip or .tar; ReadError if it is damaged."""
+    """List the files in a .zip or .tar. Raises ReadError if it is damaged."""
     kind = path[-3:].lower()
     try:
         if kind == "zip":
@@ -150,7 +150,7 @@ def open_archive(path: str) -> Container:
 
 
 def xml_of(data: bytes, name: str) -> ET.Element:
-    """Parse an XML document and return its root; namespaces are removed. MetadataError if it is damaged."""
+    """Parse an XML file called `name`; return its root without namespaces. Raises MetadataError if it is damaged."""
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:
@@ -161,7 +161,7 @@ def xml_of(data: bytes, name: str) -> ET.Element:
 
 
 def _grown(tag: str, value: Any) -> ET.Element:
-    """Make an element with a value as text, or with one element for each entry of a JSON object; lists are left out."""
+    """Make an element `tag` with `value` as text, or with one child per entry of a JSON object; lists are left out."""
     node = ET.Element(tag)
     if isinstance(value, Mapping):
         node.extend(_grown(str(k), v) for k, v in value.items())
@@ -171,9 +171,9 @@ def _grown(tag: str, value: Any) -> ET.Element:
 
 
 def groups_of(text: str) -> dict[str, dict[str, str]]:
-    """The values in a text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group.
+    """The values in a text of lines "NAME = value" with GROUP and END_GROUP lines (MTL, IMD, TIL), by group and name.
 
-    Names are returned in capitals. Values outside of groups are in the group "". A value in several lines is left out.
+    Names are returned in capitals. Values outside groups are in the group "". Values over several lines are omitted.
 
     >>> groups_of('a = 1;\\nBEGIN_GROUP = BAND_R\\n\\tb = "x";\\nEND_GROUP = BAND_R')
     {'': {'A': '1'}, 'BAND_R': {'B': 'x'}}
@@ -195,13 +195,13 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
 
 
 def said(node: ET.Element | None, *paths: str) -> str:
-    """Text of the first non-empty element at one of the paths below a node, or ""."""
+    """Text of the first non-empty element that is found at `paths` below a node; "" if there is none."""
     found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
     return next(filter(None, found), "")
 
 
 def said_number(node: ET.Element | None, *paths: str) -> float | None:
-    """Number in the element that `said` finds; None if it is not a finite number."""
+    """The text that `said` returns, as a number; None if it is not a finite number."""
     return number(said(node, *paths))
 
 
@@ -226,10 +226,10 @@ def angle_tags(
     view_azimuth: float | None = None,
     altitude: float = ORBIT,
 ) -> dict[str, Any]:
-    """Tags with the directions of sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
+    """Tags with the directions to sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
-    The elevation of the sensor is 90 - incidence. `off_nadir` is the angle at a satellite at `altitude` [m]. If only
-    this angle is known, sin(incidence) = (1 + altitude / radius of the Earth) sin(off_nadir).
+    The elevation of the sensor is 90 - incidence. `off_nadir` is the angle from nadir, measured at the sensor, which is
+    at `altitude` [m]. It replaces a missing incidence: sin(incidence) = (1 + altitude / Earth's radius) sin(off_nadir).
     """
     if incidence is None and off_nadir is not None:
         sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))
@@ -246,7 +246,7 @@ def angle_tags(
 
 @dataclass(frozen=True)
 class ProductBand:
-    """One band of a product; values that are not in the metadata are None."""
+    """One band of a product (see `Product`); unknown values are None."""
 
     path: str  # GDAL name of its file
     name: str  # as the provider calls it ("B08")
@@ -258,12 +258,12 @@ class ProductBand:
     nodata: float | None = None  # file value that means "not valid"
     saturation: float | None = None  # file value from which on the detector is saturated
     footprint: str | None = None  # GDAL name of a raster of detector numbers
-    flat: FlatField | None = None  # correction of vignette and row gradient, for a file of one band
+    flat: FlatField | None = None  # correction of vignetting and row gradient, for a file with one band
 
 
 @dataclass(frozen=True)
 class Product:
-    """A product, or a part of it, as its metadata describe it."""
+    """A product of a satellite or drone camera, or a part of it, as its metadata describe it."""
 
     kind: str  # family and level, such as "Sentinel-2 L2A"
     name: str  # name that the provider gave the product, without a path
@@ -275,7 +275,7 @@ class Product:
 
 
 def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
-    """Describe the files of a product, and return notes; metadata and headers are read, no pixels."""
+    """Return descriptions of the files of a product, with its metadata added, and notes; no pixels are read."""
     infos = []
     notes = list(product.notes)
     for path, group in groupby(product.bands, key=lambda band: band.path):
@@ -294,7 +294,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
 
 
 def scaled_by_itself(info: RasterInfo) -> str:
-    """Text that says why the product's scale, offset and nodata are not used for a file; "" if they are used."""
+    """The reason why the product's scale, offset and nodata are not used for a file, as text; "" if they are used."""
     if any(np.dtype(t).kind == "f" for t in info.dtypes):
         return "floating-point numbers are taken as they are, without the product's scale and offset"
     if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
@@ -305,7 +305,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Scale, offset and nodata in the file take precedence. `sensor` is a name for the tag "sensor".
+    Scale, offset, nodata and tags in the file take precedence. `sensor` is the value for the tag "sensor", or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))

@@ -1,7 +1,7 @@
-"""PlanetScope AnalyticMS and AnalyticMS_SR with 4 or 8 bands, and their *_metadata.xml or .json.
+"""PlanetScope AnalyticMS and AnalyticMS_SR with 4 or 8 bands: a GeoTIFF, with metadata in *_metadata.xml or .json.
 
-The image is one GeoTIFF; the XML file has the factor of each band to reflectance. Surface reflectance always has the
-scale 1/10000; the factors in the XML hold for the radiance product only.
+AnalyticMS is radiance; the XML has a factor for each band, which converts its file values to reflectance. AnalyticMS_SR
+is surface reflectance; its scale is always 1/10000, and the factors in the XML do not apply to it.
 """
 
 import re
@@ -24,7 +24,7 @@ product specification; the sensor presets are for later instruments."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or to which a named file belongs; None if there is none."""
+    """The product in a folder or archive, or that of the file `container.named`; None if there is none."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
     if named in images:
@@ -64,7 +64,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors of `count` bands to reflectance, else to radiance, and the unit; [] and "" if `factors` lacks a band."""
+    """Factors from file values of `count` bands to reflectance, else radiance, and their unit; [], "" if incomplete."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]
@@ -74,7 +74,7 @@ def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float],
 
 
 def _bands(path: str, eight: bool, instrument: str) -> tuple[list[ProductBand], str | None]:
-    """The bands of an image with four or eight bands, and the sensor preset of its instrument (None: no preset)."""
+    """The four bands of an image (eight if `eight`), and the name of the sensor preset of its instrument, or None."""
     if eight:
         return [ProductBand(path, b.name, nodata=0.0) for b in sensors.load("planetscope8").bands], "planetscope8"
     sensor = {"PS2": None, "PSB.SD": "planetscope8", "PSB": "planetscope8"}.get(instrument, "planetscope4")

@@ -1,4 +1,4 @@
-"""Sentinel-2 L1C and L2A: a .SAFE folder or its zip, MTD_MSIL1C.xml or MTD_MSIL2A.xml, and single band files.
+"""Sentinel-2 L1C and L2A: a .SAFE folder or its zip, MTD_MSIL1C.xml or MTD_MSIL2A.xml, or files of single bands.
 
 The image files are opened one by one, not through GDAL's SENTINEL2 driver: that driver opens each resolution as a
 separate dataset, needs a complete product with the original file names, and does not apply the offsets.
@@ -29,7 +29,7 @@ _AS_STORED = (
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or to which named band files belong; None if there is none."""
+    """The product in a folder or archive, or that of the file or folder `container.named`; None if there is none."""
     metadata = container.find(METADATA)
     images = _images(container)
     if container.named and last(container.named) in map(last, metadata):
@@ -63,7 +63,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands, and matches of their names; if the user named an image or a folder, only those in it."""
+    """Image files of bands, with matches by `IMAGES`; only those in the image or folder that the user named, if any."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
@@ -72,16 +72,16 @@ def _images(container: Container) -> dict[str, re.Match[str]]:
 
 
 def _granule(member: str) -> str:
-    """Path of the granule (tile) that a file belongs to, or ""."""
+    """Path of the folder of the granule (tile) that a file belongs to; "" if it is not in one."""
     parts = PurePosixPath(member).parts
     return "/".join(parts[: parts.index("IMG_DATA")]) if "IMG_DATA" in parts else ""
 
 
 def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str, str], list[str]]:
-    """File of each band (with the smallest pixels), and the bands that are left out.
+    """File of each band (that with the smallest pixels), and the names of the bands that are left out.
 
-    `images` has the match of each file name with `IMAGES`, by path. Bands of 60 m are kept only if the user named one
-    band file (`single`), or if there are no finer bands.
+    `images` is as `_images` returns it. Bands with pixels of 60 m are kept only if the user named a single band file
+    (`single`), or if there are no bands with smaller pixels.
     """
     found: dict[str, tuple[int, str]] = {}
     for member, match in images.items():
@@ -94,7 +94,7 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 
 
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
-    """Properties of each band from the metadata; without metadata, names and the wavelengths of the preset."""
+    """Bands with properties from the metadata `root`, or if it is None, with names and the preset's wavelengths."""
     known, values = root is not None, ET.Element("none") if root is None else root
     levels = (f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))
     quantum = positive(said(values, *levels)) or _QUANTUM
@@ -134,14 +134,14 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
 
 
 def _width(spectral: ET.Element | None) -> float | None:
-    """Full width at half maximum of the spectral response [nm]; None if it is not in the metadata."""
+    """Full width at half maximum of a band's spectral response [nm]; None if the metadata do not have it."""
     values = numbers(said(spectral, "Spectral_Response/VALUES"))
     step = positive(said(spectral, "Spectral_Response/STEP")) or 0.0
     return step * sum(v >= 0.5 * max(values) for v in values) or None
 
 
 def _angles(container: Container, granule: str) -> dict[str, str]:
-    """Tags with elevation and azimuth of sun and satellite [degree]: means over the tile `granule` and its bands."""
+    """Tags with elevation and azimuth of sun and satellite [degree], as means over the tile `granule` and its bands."""
     member = next((n for n in container.find(_TILE) if granule and n.startswith(f"{granule}/")), None)
     if member is None:
         return {}
@@ -159,7 +159,7 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean of several directions; azimuths of 350 and 10 have the mean 0."""
+    """Zenith angle and azimuth [degree] of the mean direction of `nodes`; azimuths of 350 and 10 have the mean 0."""
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
     if not known:
