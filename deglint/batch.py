@@ -165,7 +165,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before it is processed, and the reason; "failed" if its outputs exist but not from this job."""
+    """Status of a scene before it is processed, and the reason; "failed" if outputs exist that the job did not make."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -230,7 +230,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run the jobs of `todo` on `count` processes, `threads` threads each; call `ended` with job number and outcome."""
+    """Run jobs on `count` processes with `threads` threads each; call `ended` with number and outcome of each job."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 

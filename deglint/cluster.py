@@ -171,7 +171,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
 
 
 def _do(packed: bytes, tile: Tile) -> Any:
-    """Process a tile in a worker with the pickled function `packed`; errors lose their cause, so that they pickle."""
+    """Process a tile in a worker by the pickled function `packed`; errors lose their cause, so that pickling works."""
     with environment():
         try:
             return _unpacked(packed)(tile)

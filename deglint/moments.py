@@ -181,7 +181,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Cells along an axis of a block, `length` pixels from scene pixel `first`: (cell number, slice of the block)."""
+    """Number and slice of each cell along an axis of a block, which has `length` pixels from scene pixel `first` on."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 

@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; else the least, or `side` if this is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least, or `side` if it is too large."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -146,7 +146,7 @@ def default_threads() -> int:
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
-    """Number of threads, 1 to `threads`, that process tiles of (rows, columns) at the same time in bounded memory."""
+    """Number of threads, 1 to `threads`, that process tiles of (rows, columns) pixels at once in bounded memory."""
     return max(1, min(threads, SAMPLES_AT_ONCE // (tile[0] * tile[1] * bands)))
 
 

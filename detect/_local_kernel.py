@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Fill out[k] with the sum of values[k + m * step] for m = 0 to width - 1; overwrites `values` and `spare`."""
+    """Fill out[k] with the sum of values[k + m * step] for m = 0 to width - 1; `values` and `spare` are overwritten."""
     done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:
@@ -37,7 +37,7 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 @njit(nogil=True, cache=True)
 def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sum first * second along rows, over bar + inner + bar columns (to `whole`), or without inner (to `beside`)."""
+    """Sum first * second along rows: over bar + inner + bar columns, into `whole`; without the inner, into `beside`."""
     columns = first.shape[1]
     values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
     side, guard = np.empty(columns), np.empty(columns)
@@ -60,7 +60,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
     x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
     inner, bar : side of the guard, and width of the bars around it [pixel]
-    out : (products, rows, columns), one for each pair (i, j), with `inner` + 2 `bar` - 1 rows and columns fewer than x
+    out : (pairs, rows, columns), one layer for each pair i, j, with `inner` + 2 `bar` - 1 rows and columns fewer than x
     """
     rows, columns = x.shape[1], out.shape[2]
     whole, beside = np.empty((rows, columns)), np.empty((rows, columns))
@@ -79,12 +79,12 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-def]
-    """Fill `scale` with 1 / sqrt(pivot) of a band, or with 0 and a new `state` where the pivot is lost or inexact.
+    """Fill `scale` with 1 / sqrt(pivot) of a band; where the pivot is lost or inexact, with 0, and change `state`.
 
     pivot : (pixels,), like all arrays: sum of squared deviations of the band in the ring that earlier bands do not
         explain. It is lost if it is at most `exact` times the sum of squares, and inexact if at most 1000 `exact` times
     rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
-    ring : sum of squares of the band in the ring, number of pixels in the ring, deviation of the pixel from the mean
+    ring : tuple: sum of squares of the band in the ring, pixels in the ring, deviation of the pixel from their mean
     state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE is never replaced
     """
     square, count, away = ring
@@ -104,7 +104,7 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
 def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-untyped-def]
     """Compute `distances` of `LANES` pixels at the same time, by Cholesky factorisations of their covariances.
 
-    `root`, (bands + 1, bands, pixels), is filled with the rows of the Cholesky factors, then the whitened pixels.
+    `root`, (bands + 1, bands, pixels), is working memory: rows of the Cholesky factors, then the whitened pixels.
     """
     bands, n = len(x), sums.shape[1]
     exact = 32.0 * bands * EPS
@@ -147,7 +147,7 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
 def distances(sums, x, ddof, ridge, total, state):  # type: ignore[no-untyped-def]
     """Squared Mahalanobis distances of pixels from their rings; `ddof` and `ridge` are as in `detect.local.local_rx`.
 
-    sums : (products, pixels), filled by `ring_moments`; x : (bands, pixels), values of the pixels
+    sums : (pairs, pixels), filled by `ring_moments`; x : (bands, pixels), values of the pixels
     total, state : (pixels,), outputs: the distance, and one of the following states
     DONE: the distance is valid. DEFICIENT: it is valid, but bands that depend linearly on others, in both ring and
     pixel, are left out. ASIDE: it is not valid: the sums are not precise enough, or the ring has too few pixels.

@@ -90,7 +90,7 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Contribution of one or more tiles to a background: moments of cells (`deglint.moments`) and sampled pixels."""
+    """Contribution of tiles to a background: moments of square cells (`deglint.moments`), and a sample of pixels."""
 
     cells: CellMoments
     places: Int64  # (2, samples): rows and columns of the sampled pixels in the scene
@@ -100,7 +100,7 @@ class Part:
     def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
-        The mask, (row, column), is True in the background. One in `share` of its pixels is sampled; 0: none.
+        `mask`, (row, column), is True in the background. One in `share` of these pixels is sampled; 0 means no sample.
         """
         rows = columns = np.zeros(0, np.int64)
         if share:
@@ -178,7 +178,7 @@ def estimate(
     moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
     sample: Array | None = None,
 ) -> Background:  # fmt: skip
-    """As `fit`, from moments of the pixels; "mcd" and "ledoit-wolf" also need a sample of them, (pixels, bands)."""
+    """As `fit`, from moments of the pixels; "mcd" and "ledoit-wolf" also need a `sample` of pixels, (pixels, bands)."""
     check_rule(covariance, ridge)
     n = moments.n
     if n < 2:
@@ -213,7 +213,7 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """Number N: the estimator `covariance` samples one in N of the `pixels` pixels of a scene; 0 if it needs none."""
+    """N, if the estimator `covariance` needs a sample of one in N of a scene's `pixels` pixels; 0 if it needs none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 

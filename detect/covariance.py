@@ -81,12 +81,12 @@ def ledoit_wolf_shrinkage(covariance: Float64, n: int, sample: Float64) -> float
 
 
 def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
-    """Robust mean, covariance (by the minimum covariance determinant), and number of pixels from which they result.
+    """Robust mean and covariance by the minimum covariance determinant, and the number of pixels that contribute.
 
-    `sample`, (pixels, bands), must be finite. The core is the subset of the fraction `keep`, 0.5 to 1, of the pixels
-    that has the smallest determinant of the covariance. Concentration steps (Rousseeuw and Van Driessen 1999, theorem
-    1) find it from three deterministic estimates (Hubert et al. 2012). Mean and covariance are then computed from
-    all pixels near the core. The covariance is scaled to be consistent for a normal background.
+    `sample`, (pixels, bands), must be finite. The core is the fraction `keep` (0.5 to 1) of the pixels for which the
+    determinant of the covariance is smallest. It is found by concentration steps (Rousseeuw, Van Driessen 1999,
+    theorem 1) from three deterministic estimates (Hubert et al. 2012). Mean and covariance are then computed from all
+    pixels near the core, and the covariance is scaled so that it is consistent for a normal background.
     """
     from scipy.stats import chi2
 
@@ -111,7 +111,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 
 
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
-    """Three initial estimates (mean, covariance) for `_concentrate`; x and `count` are the same as there."""
+    """Three initial estimates (mean, covariance) for `_concentrate`; `x` and `count` are its parameters."""
     bands = x.shape[1]
     zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
@@ -126,9 +126,9 @@ def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
 
 
 def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> tuple[Float64, Float64, float]:
-    """Refit a mean and covariance to the `count` pixels nearest to the mean, until the determinant stops falling.
+    """Refit a mean and covariance to the `count` pixels nearest to the mean, until the determinant stops decreasing.
 
-    `x`, (pixels, bands), has median 0 and robust deviation 1. Returns mean, covariance, logarithm of the determinant.
+    Bands of `x`, (pixels, bands), have median 0 and robust deviation 1. Returns mean, covariance, its log determinant.
     """
     before = np.inf
     for _ in range(_STEPS):

@@ -4,8 +4,8 @@ The background of a pixel is its ring: a square window of `outer` x `outer` pixe
 `inner` x `inner` pixels. For few bands, the moments of the ring are sums over the window; their cost grows with the
 logarithm of `outer`. For many bands, and where the sums are not precise enough, each score is computed from the pixels
 of the ring. The scores are the same to the bit for all tiles that start at multiples of `CELL`. No file is opened here.
-A sum over the ring adds four bars around the guard. It is not the difference between the sums of two squares, so that
-an extreme pixel does not reduce the precision in rings that do not contain it.
+A sum over a ring is computed as the sum of four bars around the guard, not as the difference of two squares. Thus an
+extreme pixel reduces the precision only in rings that contain it.
 
 References
 ----------
@@ -41,7 +41,7 @@ _DIRECT = 255  # state (`ASIDE` of `_local_kernel`) of pixels computed one by on
 
 @dataclass(frozen=True)
 class WindowRule:
-    """Parameters of `local_rx`, which are checked, and `size`, the number of rows and columns of the whole scene."""
+    """Checked parameters of `local_rx`, and the `size` of the whole scene: its numbers of rows and columns."""
 
     inner: int
     outer: int
@@ -155,7 +155,7 @@ def score_part(
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:
-    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good`: valid pixels of `block`."""
+    """Scores and states (0 or a key of `STATES`) of the tile `cell`, (row, column); `good`: mask of valid pixels."""
     inside = good[cell.within(held)]
     scores, states = np.full(inside.shape, np.nan), np.where(inside, np.uint8(_DIRECT), np.uint8(FINE))
     if len(block) <= SUMS_BANDS and inside.any():
@@ -179,7 +179,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
 
 
 def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> Float64:
-    """Array x for `ring_moments`: 1, then bands minus their median, of `cell` and its halo; all are 0 if not valid."""
+    """Array x for `ring_moments`, of `cell` and its halo: a layer of 1, then bands minus medians; 0 where not valid."""
     seen = cell.grown(rule.halo, *rule.size)
     above, below, left, right = (rule.halo - inside for inside in cell.crop_of(seen))
     beyond = ((0, 0), (above, below), (left, right))
@@ -255,7 +255,7 @@ def _inverse_form(ring: Float64, away: Float64, root: Float64, ridge: float) -> 
 
 
 def _by_cholesky(ring: Float64, away: Float64, root: Float64, ridge: float) -> tuple[float, bool]:
-    """As `_inverse_form`, by the Cholesky factor of M, or for few pixels of R R^T, as |(R R^T)^+ R d|^2 (no ridge)."""
+    """As `_inverse_form`, by a Cholesky factor of M; if pixels <= bands and `ridge` is 0, as |(R R^T)^+ R d|^2."""
     from scipy.linalg.lapack import dpotrf, dpotrs, dpstrf, dtrtrs
 
     pixels, bands = ring.shape

@@ -81,7 +81,7 @@ def find_moving(
 
 
 def _peaks(contrasts: Float32, sea: Mask) -> Float64:
-    """Detections in the mask `sea`, (detection, 3): row and column (means weighted by contrast), and peak contrast."""
+    """Detections (connected pixels of high contrast) in `sea`, (n, 3): row, column (weighted means), peak contrast."""
     from scipy import ndimage
 
     from .objects import label

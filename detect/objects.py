@@ -85,7 +85,7 @@ def find(
 
     Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
     pixels are at most `merge_distance` apart, centre to centre [pixel], are merged. Then objects of fewer than
-    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError if shapes differ or values are not allowed.
+    `min_size` pixels are dropped. `pixel_area` is in m2. Raises InputError if shapes differ or a value is not allowed.
 
     Examples
     --------

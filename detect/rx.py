@@ -121,7 +121,9 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
 
 
 def _likeness(background: Background, whiten: Float64) -> Float64:
-    """Filter of the uniform target detector, (bands,): C^-1 (1 - mean), with the covariance C, and 1 in all bands."""
+    """Weights of the bands, (bands,), in the uniform target detector: its score is the sum of weight * (x - mean).
+    The weights are C^-1 (u - mean), where C is the covariance, and the target spectrum u is 1 in all bands.
+    """
     return np.asarray(whiten.T @ (whiten @ (1 - background.mean)))
 
 
@@ -181,8 +183,7 @@ def rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type and any units: the scores do not depend on them. In a numpy masked array, pixels that are masked
-        in any band are not valid.
+        Any real type, any units. In a numpy masked array, pixels that are masked in any band are not valid.
     background : Background or (row, column) bool ndarray, optional
         A background that is already fitted, to this or another scene; or a mask that is True at the pixels to which
         it is fitted. By default, it is fitted to all valid pixels.
@@ -223,13 +224,13 @@ def rx(
 
 @checked_keywords()
 def utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """Uniform target detector (UTD): (1 - mean)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); see `rx`."""
+    """Uniform target detector (Ashton, Schaum 1998): (u - mean)' C^-1 (x - mean), with u = 1 in all bands; see `rx`."""
     return _run("utd", image, background, mask)
 
 
 @checked_keywords()
 def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None) -> Scores:
-    """`rx` minus `utd`: (x - 1)' C^-1 (x - mean), 1 in all bands (Ashton, Schaum 1998); parameters as in `rx`."""
+    """`rx` minus `utd` (Ashton, Schaum 1998): (x - u)' C^-1 (x - mean), with u = 1 in all bands; see `rx`."""
     return _run("rx-utd", image, background, mask)
 
 
@@ -237,9 +238,9 @@ def rx_utd(image: Array, background: Background | Mask | None = None, *, mask: M
 def subspace_rx(
     image: Array, background: Background | Mask | None = None, *, drop: int = 1, mask: Mask | None = None
 ) -> Scores:
-    """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007); other parameters as in `rx`.
+    """RX without the `drop` leading eigenvectors of the covariance (Schaum 2007). See `rx` for other parameters.
 
-    For a sea with glint, the leading eigenvector is the glint; RX without it suppresses the glint linearly.
+    For a sea with glint, the leading eigenvector is the spectrum of the glint, so that RX without it suppresses glint.
     """
     return _run("subspace", image, background, mask, drop=drop)
 
@@ -248,13 +249,12 @@ def subspace_rx(
 def residual_rx(
     image: Array, background: Background | Mask | None = None, *, nir: Sequence[int], mask: Mask | None = None
 ) -> Scores:
-    """RX of the residuals of the bands after regression on reference bands; other parameters as in `rx`.
+    """RX of the residuals of the bands after regression on reference bands; the other parameters are as in `rx`.
 
     Parameters
     ----------
     nir : sequence of int
-        0-based indices of the reference bands. The score is RX of all bands minus RX of the reference bands alone, so
-        that anomalies only in the reference bands do not count.
+        0-based reference bands. The score is RX of all bands minus RX of these: anomalies only in these do not count.
     """
     return _run("residual", image, background, mask, nir=nir)
 
@@ -263,7 +263,7 @@ def _run(
     method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
-    """Score an image with a method; fit the background if none is given. Parameters as in `rx` and `detector`."""
+    """Score an image with a method; fit the background if none is given. Parameters are as in `rx` and `detector`."""
     image = as_image(image)
     mask = as_mask(mask, image)
     threads = threads or default_threads()

@@ -22,7 +22,7 @@ from deglint.errors import FitError, InputError
 
 from .arrays import Array, Float64
 
-THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # from a fit to the tail, a rank, and two for a normal background
+THRESHOLDS = ("gpd", "empirical", "f", "chi2")  # fit to the tail, rank of a score, laws of a normal background
 KEEP = 1 << 18  # default number of highest scores that a `Tail` keeps
 _LEAST_EXCEEDANCES = 50  # minimum number of scores that a distribution is fitted to
 _TAIL = 0.01  # fraction of the scores that a distribution is fitted to; larger for high rates and for few scores
@@ -52,7 +52,7 @@ class Tail:
 
     @classmethod
     def of(cls, scores: Array, keep: int = KEEP) -> Self:
-        """The tail of an array of scores of any shape; NaN is ignored. Raises InputError if a score is infinite."""
+        """The tail of scores in an array of any shape. NaN is ignored. Raises InputError if a score is infinite."""
         valid = np.asarray(scores).ravel()
         valid = valid[~np.isnan(valid)]
         n = valid.size
@@ -65,7 +65,7 @@ class Tail:
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
-        """Merge the tails of parts of a scene. Their order and the division do not change the result."""
+        """Merge the tails of the parts of a scene. The result does not depend on their order or on the division."""
         parts = list(parts)
         keep = min(part.keep for part in parts)
         whole = cls.of(np.concatenate([part.values for part in parts]), keep)
@@ -93,13 +93,13 @@ class Threshold:
     value : float
         In the unit of the scores (squared Mahalanobis distance for RX).
     method : str
-        "chi2", "f", "quantile" or "gpd", as the function `from_...`; "peaks" for a rate per km2 (`Clutter.score_at`).
+        "chi2", "f", "quantile" or "gpd" (`from_chi2`, `from_f`, ...); "peaks" for a rate per km2 (`Clutter.score_at`).
     pfa_requested : float
         Requested false-alarm rate per background pixel; for "peaks" the observed rate.
     pfa_observed : float or None
         Observed rate: fraction of the scores (targets included) greater than `value`; None where it is not known.
     n : int
-        Number of scores; for "f" the number of pixels in the statistics; 0 for "chi2".
+        Number of scores; for "f" the number of pixels from which mean and covariance result; 0 for "chi2".
     standard_error : float or None
         Standard error of `value` for independent scores ("gpd" only). Neighbouring pixels are correlated, so it is a
         lower bound.
@@ -119,7 +119,7 @@ class Threshold:
     notes: tuple[str, ...] = ()
 
     def measured(self, above: int | None, n: int) -> Self:
-        """A copy with the observed rate: `above` of `n` valid scores are greater; no change if `above` is None."""
+        """A copy with the observed rate: `above` of `n` scores exceed `value`. Without change if `above` is None."""
         return self if above is None else replace(self, pfa_observed=above / n if n else None)
 
     def __str__(self) -> str:
@@ -195,7 +195,7 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
-    NaN is ignored. Raises InputError if n, the number of valid scores, is 0 or below 1 / `pfa`, or too few are kept.
+    NaN is ignored. Raises InputError if there are fewer than 1 / `pfa` valid scores, or a `Tail` keeps too few of them.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -217,8 +217,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by `from_gpd`, or by `from_quantile` if the distribution cannot be fitted or the tail contains objects.
 
-    The tail contains objects if the fitted shape is 1 or more (no mean). The quantile is then used if at least 10
-    scores exceed it. Raises InputError if `pfa` is outside 0 to 1, too high for a tail, or too low for a quantile.
+    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects. The quantile is used if at least
+    10 scores exceed it. Raises InputError if `pfa` is outside 0 to 1, too high for a tail, or too low for a quantile.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -313,13 +313,13 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
 
 
 def _excess_at(ratio: float, shape: float, scale: float) -> float:
-    """Excess (score minus start of the tail) that the fraction 1 / `ratio` of the scores in the tail exceeds."""
+    """Excess (score minus start of the tail) that a fraction 1 / `ratio` of a generalised Pareto tail exceeds."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
 
 
 def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> float:
-    """Standard error of the threshold of `from_gpd`, by the delta method (Coles, eq. 4.15); k of n scores fitted."""
+    """Standard error of the threshold of `from_gpd` (delta method; Coles, eq. 4.15), if k of n scores are fitted."""
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k
@@ -336,7 +336,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
-    """Convert scores to a `Tail` for the rate `pfa`. Raises InputError if no score is valid."""
+    """Convert scores to a `Tail` that is long enough for the rate `pfa`. Raises InputError if no score is valid."""
     if not isinstance(scores, Tail):
         scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:

@@ -32,7 +32,7 @@ def fit(
     array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:  # fmt: skip
-    """Fit the background of a DataArray now; a lazy array is read once, by chunks. See `score` for parameters."""
+    """Fit the background of a DataArray now; a lazy array is read once, by chunks. Parameters are as in `score`."""
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
@@ -52,7 +52,7 @@ def score(
     Parameters
     ----------
     array, sensor, nodata, threads
-        DataArray with the dimensions y, x and band; the other parameters are as in `deglint.xr.fit`.
+        DataArray with the dimensions y, x and band; `sensor`, `nodata` and `threads` are as in `deglint.xr.fit`.
     recipe : Recipe or str
         Options of the detection, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
@@ -87,7 +87,7 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`: covariance, ridge, bands, ...; other parameters as in `score`.
+    `options` are fields of `detect.pipeline.Recipe`, such as covariance, ridge and bands; see `score` for the rest.
 
     Examples
     --------

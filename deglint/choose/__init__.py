@@ -1,4 +1,4 @@
-"""Choose a recipe for a scene: run a few candidates on sample tiles, and take that with the least expected error.
+"""Choose a recipe for a scene: run a few candidates on sample tiles, and take the one with the least expected error.
 
 Known signals are added to the tiles (`implants`). Every candidate is fitted and run with and without them, and its
 expected error is computed from the texture and the signals in its result (`score`). No file is read here.

@@ -14,8 +14,8 @@ S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. Th
 twice: over all pixels, and over the pixels with the least glint. The first minimum is too large if all recipes leave
 glint. The second is too small if shallow bottoms, which look like glint in the NIR, are left out. S is the geometric
 mean of both minima, or the first if that is smaller. S is at least the texture that glint cannot explain, because the
-NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also a small g, so erasing is
-not rewarded. The few tiles may lack some signals. Therefore two losses are added to E: the loss of a weak signal at
+NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also a small g, so its E
+is not small. The few tiles may lack some signals. Therefore two losses are added to E: the loss of a weak signal at
 each scale, and the loss of objects of a typical contrast that cover a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels

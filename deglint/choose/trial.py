@@ -26,8 +26,7 @@ REPLACING = 1.15  # factor on the error of openings, which erase small signals, 
 WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""
-LARGEST_DISC = 16.0
-"""Width of the widest implanted disc [pixel]: wider ones are preserved by every window that is tried."""
+LARGEST_DISC = 16.0  # width of the widest implanted disc [pixel]: every window that is tried preserves wider ones
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
 FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard deviations]
@@ -261,9 +260,8 @@ def _too_small(sample: Sample) -> bool:
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without ships (pixels far brighter than the water around), so that erasing them is not rewarded.
-
-    This is only for coarse pixels: in fine pixels sparkle is as bright as ships.
+    """The sample without ships (pixels far brighter than the water around): a recipe that erases ships would get too
+    small an expected error. This is for coarse pixels only, as in fine pixels sparkle is as bright as ships.
     """
     import cv2
 
@@ -282,7 +280,9 @@ def without_shore(sample: Sample) -> Sample:
 
 
 def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
-    """Sample mask (row, column) of each tile, without targets that candidates found: erasing these is not rewarded."""
+    """Sample mask (row, column) of each tile, without the targets that any candidate found and the pixels around them.
+    A recipe that erases targets leaves less texture, and its expected error would be too small.
+    """
     inside = list(sample.inside)
     for run in runs:
         for n, found in enumerate(run.targets):
@@ -292,7 +292,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks of pixels with the least glint (`least_glint`), which is what `wiener` removes; [] if it was not run."""
+    """Masks that `least_glint` returns for the glint that candidate `wiener` removes; [] if `wiener` was not run."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []

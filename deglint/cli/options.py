@@ -58,7 +58,7 @@ class AutoOr(click.Choice[str]):
 
 
 class FileName(click.Path):
-    """Type of file-name options. A shell completes them to `words` such as "auto", sensor presets, or file names."""
+    """Type of file-name options. A shell completes `words` ("auto"), sensor presets (if `presets`) and file names."""
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)

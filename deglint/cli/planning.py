@@ -24,7 +24,7 @@ Mode = Callable[[Given, Any, Console], None]
 
 
 def mode_of(given: Given) -> Mode:
-    """The function below that makes the plan which the options select. Raises a usage error if options conflict."""
+    """The function of this module that makes the requested plan. Raises a usage error if options conflict."""
     asked = {
         "--from": over_time if given["start"] or given["end"] or given["every"] else None,
         "--wind-within": under_winds if given["wind_within"] else None,
@@ -47,7 +47,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set the time of a mission: in `over_time`, when the sun is highest; in `page`, if not given, the next daylight.
+    """Set a mission's time: in mode `over_time` when the sun is highest; in `page`, if not given, the next daylight.
 
     Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """

@@ -117,7 +117,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), a band minus its opening; and standard deviation about it of the values below it."""
+    """Mode of `excess` (pixel,), a band minus its opening; and standard deviation of lower values about the mode."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -164,8 +164,8 @@ class Background:
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. The
-        bands are those of the image, or deconvolved after a stage `psf`; with ringing, pits of the image are filled.
+        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. They
+        are the deconvolved bands after a stage `psf`, else the image; with ringing, the image with its pits filled.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:

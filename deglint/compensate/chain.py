@@ -43,7 +43,7 @@ def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemov
 
 
 def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
-    """Apply a fitted chain to a block with its halo, and return the new state; `model` is the model of its removal."""
+    """Apply the stages `chain.before`, the removal by `model` and the stages `chain.after` to a block with its halo."""
     state = removed(apply_stages(state, chain.before), model)
     return apply_stages(state, chain.after)
 

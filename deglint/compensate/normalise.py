@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of `values` (pixel,) and False; their mode and True if the share of glint pixels exceeds `most_cover`."""
+    """Median of `values` (pixel,) and False; or mode and True, if the share of glint pixels exceeds `most_cover`."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))

@@ -27,8 +27,8 @@ class ReplaceLevel:
 class ReplaceBands:
     """The stage `replace-bands`: it replaces glint by the value of the spectrally nearest band without glint.
 
-    Values must be relative to deep water (stage `normalise`). The contrast with deep water is assumed to be equal in
-    both bands. Texture is kept. Glint too faint to be marked is copied, too, and objects change their colours.
+    Values must be relative to deep water (stage `normalise`); their contrast with it is assumed equal in both bands.
+    New values have the texture of the other band, and any glint in it too faint to be marked; objects change colour.
     """
 
     name: ClassVar[str] = "replace-bands"

@@ -21,7 +21,7 @@ Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, 
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage, a value of `STAGES`: its description, fit function, class, and the range of its number."""
+    """Definition of a stage, entry of `STAGES`: its description, fit function, class, and the range of its number."""
 
     help: str  # description in one line
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`

@@ -42,8 +42,8 @@ class State:
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
-        Pixels that are not finite, or outside the mask `water` (row, column; None: all is water), are filled as by
-        `filled`. Raises InputError if values exceed the range of float32.
+        Pixels that are not finite, or outside the mask `water` (row, column; None: all is water), get the values of the
+        nearest water pixel. Raises InputError if values exceed the range of float32.
         """
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid

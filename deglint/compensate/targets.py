@@ -1,6 +1,6 @@
 """Small bright targets (boats, swimmers, buoys), distinguished from sparkle by a likelihood ratio.
 
-S is the log likelihood ratio of target and sparkle for the excess e over the background, in bands 1 to B by time:
+S is the log likelihood ratio of target and sparkle for the excess e over the background, in bands b = 1 to B by time:
 
 .. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
 
@@ -160,7 +160,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Make an `Excess` from a block `raw` and its background, (band, row, column); None: the local mean is used."""
+        """Make an `Excess` from a block `raw` and its background, both (band, row, column); None: its local mean."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]
@@ -303,7 +303,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
-    """Make a stage with the properties of its bands, fields `bands` to `time`; `order`: 0-based bands by time."""
+    """Make a stage with the properties of its bands (fields `bands` to `time`); `order`: 0-based bands by time."""
     from ..physics.atmosphere import irradiance
 
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
@@ -366,14 +366,14 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
 
 
 def lasting_share(q: Places, stage: Targets) -> float:
-    """Share of faint pixels (darker half of those lit in the first band) that are `steady` in all bands (bins `q`)."""
+    """Share of faint pixels (darker half of those lit in the first band) that `steady` finds steady in all bands."""
     lit = q[0] > stage.lit
     faint = lit & (q[0] <= np.median(q[0, lit])) if lit.any() else lit
     return float(steady(q, stage)[-1, faint].mean()) if faint.any() else 0.0
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Mask (step, pixel): True if, up to this step, each next band is lit, and the bin `q` changes by at most 1."""
+    """Mask (step, pixel), True where up to this step each band is lit and its bin (in `q`) changes by at most 1."""
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 

@@ -46,11 +46,11 @@ WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""The brightest clump of glint is the brightest square of `CLUMP` pixels in a square of `SQUARE` pixels of sea, as the
-`ORDINARY`-th percentile over at least `LEAST_SQUARES` such squares: in the others there may be boats."""
+"""Sides of a clump of glint and of a square of sea [pixel]. The brightest clump of each square is searched; of these,
+the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` squares are needed."""
 CORE, OF_CLUMP = 7, 0.3
 """Boats and narrow land are brighter than this clump all over a larger square. Its side is the smallest, from `CORE`
-pixels to half the width of a patch of glint, with which glint, measured in the same way, is at most `OF_CLUMP` times as
+pixels to half the width of a patch of glint, with which the brightest square of glint is at most `OF_CLUMP` times as
 bright as the clump. A second square is for pixels with more NIR than visible, which are rare in glint."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
@@ -66,8 +66,8 @@ to the NIR at which water and other colours are equally frequent."""
 INTO_GAP = 0.25
 """Position of the threshold in the gap, 0..1, nearer to the water: ships, piers and mixed pixels fill the rest."""
 RARE_GLINT = 1e-3
-"""Share of the votes for water that may lie above the start of the search for the gap at fine pixels: there, pixels of
-sparkle are only as frequent as mixed pixels of a shore."""
+"""In small pixels, the gap is searched for above the NIR that only this share of the votes for water exceeds: there,
+pixels of sparkle are only as frequent as mixed pixels of a shore."""
 GAP_BINS = 64  # bins of the histogram in which the gap between water and land is searched
 
 
@@ -231,7 +231,7 @@ class _View:
         return SUN if radiance else PLAIN_WHITE
 
     def brighter(self, threshold: float, window: int) -> list[Mask]:
-        """Mask of each block, (row, column), True in squares of side `window` whose NIR is all above `threshold`."""
+        """Mask of each block, (row, column), True in squares of side `window` with all NIR above `threshold`."""
         nir = self.roles.nir
         return [filled_squares(b[nir] > threshold, ~v, window) for b, v in zip(self.blocks, self.valid, strict=True)]
 

@@ -105,8 +105,8 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
     A pixel is in the sample if it is (1) far from everything that is not water and if the square of 15 x 15 pixels
-    around it is (2) dark: as long as the visible means of the squares form two clear classes, Otsu's threshold excludes
-    the brighter one, first with glint and then with glint subtracted; then the brighter half is excluded; (3) even: the
+    around it is (2) dark: while the visible means of the squares form two clear classes, Otsu's threshold excludes the
+    brighter class; glint is then subtracted, the same is done again, and the brighter half is excluded; (3) even: the
     variance of the visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the
     squares with the largest NIR variance (the strongest glint), or in half or all of them if these are too few. Strong
     glint is preferred because noise in the NIR makes fitted slopes too small, by the factor
@@ -171,13 +171,13 @@ def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> F
 
 
 def _spread(values: FloatArray) -> tuple[float, float]:
-    """Median of values; difference of the 95th and 5th percentiles; if that is 0, the standard deviation instead."""
+    """Median of `values`, and the difference of their 95th and 5th percentiles (if it is 0, the standard deviation)."""
     low, middle, high = (float(p) for p in np.percentile(thinned(values), (5, 50, 95)))
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """Rule with weights, centres and steps, so that the 5th to 95th percentile of water (`masks`) spans 1024 grains."""
+    """A rule with weights, centre and step so that water (`masks`) spans 1024 grains from 5th to 95th percentile."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -224,7 +224,7 @@ def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    """The rule with the first of `DISTANCES` that leaves `ENOUGH` pixels, and the statistics (pixel,) of these."""
+    """The rule with the first of `DISTANCES` that leaves `ENOUGH` pixels (else the last); these pixels' statistics."""
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
@@ -279,7 +279,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Otsu's threshold, which has the largest variance between two classes; and this variance over the total, 0..1."""
+    """Otsu's threshold, which maximises the variance between two classes, and the share of it in the total, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0

@@ -47,7 +47,7 @@ def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more
 
 
 def one_of(default: Any, allowed: Any, **more: Any) -> Any:
-    """Make a field of a `Checked` dataclass whose value must be in `allowed`; `default`, `more`: as in `ranged`."""
+    """Make a `Checked` dataclass field whose value must be in `allowed`; `default` and `more` are as in `ranged`."""
     return field(default=default, metadata={"allowed": allowed, **more})
 
 
@@ -72,16 +72,16 @@ def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
 
 
 def view_angle(view_zenith: npt.ArrayLike) -> Array:
-    """Return zenith angles of the sensor [degree] as float64.
-
-    Raises InputError if one of them is outside 0 to `VIEW_LIMIT`; the formulas for the sea surface do not hold there.
-    """
+    """Return zenith angles of the sensor [degree] as float64; raise InputError if one is outside 0 to `VIEW_LIMIT`."""
     remedy = "Nearer to the horizon waves hide each other; look more steeply."
     return within("view_zenith", view_zenith, 0.0, VIEW_LIMIT, "degrees", remedy)
 
 
 def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return latitude and longitude [degree] as float64; InputError if outside -90 to 90, or outside -180 to 360."""
+    """Return latitude and longitude [degree] as float64.
+
+    Raises InputError if a latitude is outside -90 to 90 degrees, or a longitude outside -180 to 360 degrees.
+    """
     remedy = "North is positive. Are latitude and longitude swapped?"
     return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
         "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."

@@ -7,11 +7,11 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply the spectrum of a scene on a fine grid by an MTF, and alias (fold) its rows onto the rows of pixels.
+    """Multiply the spectrum of a scene by an MTF, and add the rows that sampling at the pixels maps to one frequency.
 
-    `spectrum`, of a real FFT, is (fine row, fine column // 2 + 1); `out` is (pixel row, fine column // 2 + 1). Rows
-    `first` to `last` - 1 of `out` are filled. `row_factor` and `column_factor` are (frequencies [cycles/pixel], complex
-    MTF without diffraction) along each axis. The diffraction MTF is computed here; it is 0 from `limit` [cycles/pixel].
+    `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
+    columns // 2 + 1), of which rows `first` to `last` - 1 are filled. Both factors are (frequencies [cycles/pixel],
+    complex MTF without diffraction). The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

@@ -62,10 +62,10 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
 @njit(nogil=True, cache=True)
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
-    """Fill `out` with the spectrum of the height at a time [s]; if `slopes`, with that of east slope + i * north slope.
+    """Fill `out` with the spectrum at a time [s] of east slope + i * north slope if `slopes` is True, else of height.
 
     `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r hold the same waves, so both
-    are filled, for r from slab[0] to slab[1] - 1, at most rows // 2. `steps` are the steps of the wavenumber from row
+    are filled for each r from slab[0] to slab[1] - 1 (<= rows // 2). `steps` are the steps of the wavenumber from row
     to row and from column to column [rad/m]. `physics` is (surface tension over density [m3/s2], gravity [m/s2]).
     """
     rows, columns = amplitudes.shape

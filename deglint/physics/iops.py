@@ -42,10 +42,10 @@ class Iops(NamedTuple):
 def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
-    With A and E from a table (Bricaud et al. 1998), absorption a_w of sea water and a_p of particles, chlorophyll C,
-    the total absorption a, and the scattering b_p and backscattering b_bp of particles at the wavelength lambda are
+    The absorption a, and the scattering b_p and backscattering b_bp of particles at the wavelength lambda are, with the
+    absorption a_w of sea water and a_p of particles, A and E from a table (Bricaud et al. 1998) and chlorophyll C,
 
-        a = a_w + A C^E + 0.2 a_p(440) exp(-0.014 (lambda - 440)),
+        a = a_w + a_p + 0.2 a_p(440) exp(-0.014 (lambda - 440)),  a_p = A C^E,
         b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0,
         b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766
 

@@ -36,8 +36,7 @@ def radiance(
     """Radiance of the sky in a direction, per unit of diffuse irradiance of a horizontal plane [1/sr].
 
     Uniform: 1 / pi. Cardioidal: (1 + 2 cos(theta)) / (pi (1 + 4 / 3)), with the zenith angle theta of the direction.
-    Harrison and Coombes (1988), with the angle psi from the sun [radian] and the sun zenith angle theta_s: proportional
-    to
+    Harrison and Coombes (1988), at an angle psi [radian] from the sun with the zenith angle theta_s: proportional to
 
         (1.63 + 53.7 exp(-5.49 psi) + 2.04 cos^2(psi) cos(theta_s)) (1 - exp(-0.19 / cos(theta))).
 
@@ -65,9 +64,10 @@ def radiance(
 
 
 def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike, *, model: str) -> Array:
-    """Radiance of the sky as in `radiance`, without checks of arguments, with the floating-point precision of `cosine`.
+    """Radiance of the sky as in `radiance`; arguments are not checked, and the precision is that of `cosine`.
 
-    `cosine` is that of the direction's zenith angle, `towards` that of its angle to the sun; `sun_zenith`: in degrees.
+    `cosine` is the cosine of the direction's zenith angle, and `towards` the cosine of its angle to the sun.
+    `sun_zenith` [degree] and `model` are as in `radiance`.
     """
     if model == "uniform":
         return 1.0 / np.pi + 0.0 * cosine
@@ -128,10 +128,10 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield nodes for an integral over slopes: for each of `NODES` slopes across the view, slopes along it and weights.
+    """Yield nodes and weights for an integral over the slopes along and across the direction of view.
 
-    An item is (slopes along, slope across, weights). Slopes along are limited to facets that reflect the sky, where the
-    integrand is smooth. `zenith` is that of the sensor [degree]; variances are of the slopes along and across the view.
+    Each of `NODES` items is (slopes along, one slope across, weights). Slopes along are limited to facets that reflect
+    the sky, where the integrand is smooth. `zenith` is that of the sensor [degree]; variances are of both slopes [1].
     """
     x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -145,7 +145,7 @@ def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Ite
 
 
 def _mirror(zenith: Array, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
-    """Reflect the line of sight of the sensor at facets with given slopes along and across the view.
+    """Reflect the line of sight of the sensor at facets with given slopes along and across the view direction.
 
     Returns cos(incidence) / cos(tilt) [1], the angle of incidence [degree], the zenith angle of the reflected ray
     [degree], and its azimuth minus that of the sensor [degree]. `zenith` is the zenith angle of the sensor [degree].

@@ -228,7 +228,7 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
 
 
 def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, c04: float) -> Array:
-    """Gram-Charlier series, the bracket in `density`; x, y: upwind, crosswind slope over their standard deviations."""
+    """Gram-Charlier series, the bracket in `density`; `x` is upwind and `y` crosswind slope in standard deviations."""
     x2, y2 = x * x, y * y
     skew = c21 * (y2 - 1.0) * x / 2.0 + c03 * (x2 - 3.0) * x / 6.0
     peak = c40 * (y2 * y2 - 6.0 * y2 + 3.0) / 24.0 + c22 * (x2 - 1.0) * (y2 - 1.0) / 4.0

@@ -11,7 +11,7 @@ from ._checks import Floats
 
 GRAVITY = 9.81  # acceleration of gravity [m s-2]
 SURFACE_TENSION = 0.074 / 1025.0  # surface tension over density of sea water [m3 s-2]
-WIND_19_5 = 1.026  # wind at 19.5 m over wind at 10 m [1]
+WIND_19_5 = 1.026  # wind speed at a height of 19.5 m divided by wind speed at 10 m [1]
 _AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea [1]
 _ECKV_KM = 370.0  # wavenumber of the slowest wave in Elfouhaily's spectrum [rad/m]
 _ECKV_CM = 0.23  # phase speed of this wave [m/s]
@@ -24,7 +24,7 @@ def dispersion(wavenumber: Floats) -> Floats:
 
 
 def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
-    """Peak frequency [Hz] of the fully developed sea, ``0.8772 g / (2 pi U19.5)``, for a wind U19.5 at 19.5 m [m/s]."""
+    """Peak frequency [Hz] of a fully developed sea: ``0.8772 g / (2 pi U)``, U: wind speed at 19.5 m height [m/s]."""
     return 0.8772 * GRAVITY / (2 * np.pi * wind_19_5)
 
 
@@ -38,7 +38,7 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
     frequency : ndarray
         Frequency [Hz], positive.
     wind_19_5 : float
-        Wind speed at 19.5 m [m/s], about 1.026 times the wind speed at 10 m.
+        Wind speed at a height of 19.5 m [m/s], about 1.026 times the wind speed at 10 m.
 
     Returns
     -------
@@ -58,19 +58,19 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
 
 
 def _gravity_tail(frequency: Floats, alpha: float, peak: float) -> Floats:
-    """The spectrum of `pierson_moskowitz` [m2/Hz] with `alpha` [1] instead of 0.0081, and any peak frequency [Hz]."""
+    """Spectrum of `pierson_moskowitz` [m2/Hz] with `alpha` [1] instead of 0.0081 and a peak frequency `peak` [Hz]."""
     f = np.asarray(frequency, dtype=np.float64)
     with np.errstate(over="ignore", under="ignore"):  # exp(-huge) is 0, as it should be
         return alpha * GRAVITY**2 * (2 * np.pi) ** -4 * f**-5 * np.exp(-1.25 * (f / peak) ** -4)
 
 
 def jonswap_peak(*, wind: float, fetch: float) -> float:
-    """Peak frequency [Hz] of JONSWAP, ``3.5 (g**2 / (U10 F))**(1/3)``, with wind U10 at 10 m [m/s] and fetch F [m]."""
+    """Peak frequency [Hz] of JONSWAP: ``3.5 (g**2 / (U F))**(1/3)``, wind speed U [m/s] at 10 m height, fetch F [m]."""
     return 3.5 * (GRAVITY**2 / (wind * fetch)) ** (1 / 3)
 
 
 def developed_fetch(wind: float) -> float:
-    """Fetch [m] at which JONSWAP and Pierson-Moskowitz have the same peak frequency, for a wind at 10 m [m/s]."""
+    """Fetch [m] where JONSWAP and Pierson-Moskowitz have equal peak frequencies; `wind`: speed [m/s] at 10 m height."""
     return GRAVITY**2 / wind * (3.5 / pierson_moskowitz_peak(wind_19_5=WIND_19_5 * wind)) ** 3
 
 
@@ -78,17 +78,17 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
     """JONSWAP spectrum of a fetch-limited sea.
 
     ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) 3.3**exp(-((f/fp - 1)/s)**2 / 2)``,
-    ``alpha = 0.076 (U10**2 / (F g))**0.22``, peak frequency ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, wind U10,
-    fetch F, s = 0.07 below the peak and 0.09 above.
+    ``alpha = 0.076 (U10**2 / (F g))**0.22``, peak frequency ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, and s = 0.07
+    below the peak and 0.09 above.
 
     Parameters
     ----------
     frequency : ndarray
-        Frequency [Hz], positive.
+        Frequency f [Hz], positive.
     wind : float
-        Wind speed at 10 m [m/s].
+        Wind speed U10 at a height of 10 m [m/s].
     fetch : float
-        Fetch [m], at most `developed_fetch`.
+        Fetch F [m], at most `developed_fetch`.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
 
 
 def elfouhaily_peak(wind: float) -> float:
-    """Wavenumber [rad/m] of the peak of Elfouhaily's spectrum, for a wind at 10 m [m/s]."""
+    """Wavenumber [rad/m] of the peak of Elfouhaily's spectrum, for a wind speed [m/s] at a height of 10 m."""
     return GRAVITY * (_AGE / wind) ** 2
 
 
@@ -129,7 +129,7 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
     wavenumber : ndarray
         Wavenumber k [rad/m], positive.
     wind : float
-        Wind speed at 10 m [m/s].
+        Wind speed at a height of 10 m [m/s].
 
     Returns
     -------
@@ -172,14 +172,14 @@ def _eckv_speed(k: Floats) -> Floats:
 
 
 def _friction_velocity(wind: float) -> float:
-    """Friction velocity [m/s] for a wind at 10 m [m/s]."""
+    """Friction velocity [m/s] for a wind speed [m/s] at a height of 10 m."""
     return float(np.sqrt(1.44e-3) * wind)
 
 
 def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
-    """Elfouhaily's anisotropy D(k), 0 to 1, of the spreading ``(1 + D cos 2a) / (2 pi)`` at the angle a from the wind.
+    """Anisotropy D(k), 0 to 1, in Elfouhaily's directional spreading function ``(1 + D cos 2a) / (2 pi)``.
 
-    `wavenumber` k is in rad/m; `wind` is the wind speed at 10 m [m/s].
+    a is the angle from the wind; `wavenumber` k is in rad/m; `wind` is the wind speed at a height of 10 m [m/s].
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / _AGE

@@ -79,7 +79,7 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 
 
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
-    """Draw standard normal numbers, an array of `shape`, on `workers` threads; they depend on `seed`, not `workers`."""
+    """Draw an array of standard normal numbers on `workers` threads; the numbers depend only on `seed` and `shape`."""
     out = np.empty(shape, np.float32)
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
@@ -98,8 +98,8 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     The height is ``z = sum a(k) exp(i k x - i w t) + c.c.`` over the wavenumber vectors k of the grid, whose steps are
     dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
     [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
-
-    Raises InputError if the grid has fewer than 8 x 8 points or 1 peak wavelength, or its step exceeds a quarter of it.
+    Raises InputError if the grid has fewer than 8 x 8 points, if a side of it is shorter than the peak wavelength, or
+    if its step exceeds a quarter of the peak wavelength.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
 
     Notes
     -----
-    Waves that are longer than the grid, or not resolved by it, are absent. With four peak wavelengths, the significant
-    wave height is right to a few percent; for slopes, one is enough. It needs 25 bytes of memory per grid point.
+    Waves that are longer than the grid, or not resolved by it, are absent. On a grid four peak wavelengths wide, the
+    significant wave height is right to a few percent; for slopes, one is enough. A grid point takes 25 bytes of memory.
 
     References
     ----------

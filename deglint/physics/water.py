@@ -1,20 +1,19 @@
 """Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
 Remote-sensing reflectance is water-leaving radiance divided by irradiance, both just above the surface [1/sr], without
-reflection at the surface. For deep water it follows the model of Lee et al. (2011), a table of sun and view angles, and
-outside this table the model of Lee et al. (1999), which does not depend on angles. For an object it follows Lee et al.
-(1999), with path lengths along the rays of sun and sensor; the object is assumed to be wide compared to its depth.
+reflection at the surface. For deep water it follows the model of Lee et al. (2011), which has a table over sun and view
+angles, and outside this table that of Lee et al. (1999), which does not depend on angles. For an object it follows Lee
+et al. (1999), with path lengths along the rays of sun and sensor; the object is assumed wide compared to its depth.
 
 `relative_azimuth` is the azimuth of the sensor minus the azimuth of the sun, both seen from the target: at 0 the sensor
 is on the side of the sun, at 180 on the opposite side, where the glint is.
 
 References
 ----------
-Lee, Du, Voss, Zibordi, Lubac, Arnone, Weidemann (2011), "An inherent-optical-property-centered
-approach to correct the angular effects in water-leaving radiance", Applied Optics 50, 3155-3167,
-doi:10.1364/AO.50.003155. Lee, Carder, Mobley, Steward, Patch (1999), "Hyperspectral remote sensing for
-shallow waters: 2. Deriving bottom depths and water properties by optimization", Applied Optics 38, 3831-3843,
-doi:10.1364/AO.38.003831.
+Lee, Du, Voss, Zibordi, Lubac, Arnone, Weidemann (2011), "An inherent-optical-property-centered approach to correct the
+angular effects in water-leaving radiance", Applied Optics 50, 3155-3167, doi:10.1364/AO.50.003155. Lee, Carder,
+Mobley, Steward, Patch (1999), "Hyperspectral remote sensing for shallow waters: 2. Deriving bottom depths and water
+properties by optimization", Applied Optics 38, 3831-3843, doi:10.1364/AO.38.003831.
 """
 
 from functools import cache
@@ -69,7 +68,8 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
         Rrs = (Gw0 + Gw1 u) u + (Gp0 + Gp1 v) v,  u = b_bw / k,  v = b_bp / k,  k = a + b_bw + b_bp
 
     a is absorption, b_bw and b_bp backscattering of water and of particles. The published table of the coefficients is
-    interpolated linearly; beyond its largest zenith angles it is not extrapolated. Arguments: see `deep_reflectance`.
+    interpolated linearly; beyond its largest zenith angles, its last values are used. For arguments see
+    `deep_reflectance`.
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
@@ -177,7 +177,7 @@ def absorption_only_reflectance(
 
 
 def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return depth [m] and reflectance [1] of an object as float64; InputError if outside 0 to 1000 or 0 to 1."""
+    """Return depth [m] and reflectance [1] of an object as float64; raise InputError if outside 0 to 1000 or 0 to 1."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 
@@ -188,7 +188,7 @@ def _path(zenith: npt.ArrayLike) -> Array:
 
 
 def _both_ways(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, direct: npt.ArrayLike) -> Array:
-    """Surface transmittance [1] for downward irradiance (direct share `direct`) times that for upward radiance."""
+    """Product T_d T_u [1] of the surface transmittances of `submerged_reflectance`; `direct`: its `direct_fraction`."""
     direct = within("direct_fraction", direct, 0.0, 1.0, "", "Give direct over total irradiance.")
     downward = direct * (1.0 - fresnel.reflectance(sun_zenith)) + (1.0 - direct) * (1.0 - _SKY_REFLECTANCE)
     return downward * fresnel.radiance_transmittance(view_zenith)

@@ -1,11 +1,10 @@
 """The wind sea: its wave spectrum, and the variances of slopes that follow from it.
 
-A `Sea` defines the spectrum, the wind and the directional spreading; the functions compute its statistics by numerical
-integration. `deglint.physics.surface` draws random surfaces of a `Sea`. The formulas of the spectra are in
-`deglint.physics.spectra`.
+A `Sea` defines spectrum, wind and directional spreading; functions compute its statistics by numerical integration.
+`deglint.physics.surface` draws random surfaces of a `Sea`; `deglint.physics.spectra` has the formulas of the spectra.
 
-Wavenumbers are in rad/m, frequencies in Hz. Wind is at 10 m unless a name says otherwise. Its azimuth is where it
-blows from, clockwise from north; waves travel in the opposite direction.
+Wavenumbers are in rad/m, frequencies in Hz. Wind speeds are those at a height of 10 m unless a name says otherwise. The
+azimuth of the wind is where it blows from, clockwise from north; waves travel in the opposite direction.
 """
 
 from dataclasses import MISSING, dataclass
@@ -34,13 +33,14 @@ class Sea(Checked):
     Attributes
     ----------
     wind, wind_from : float
-        Wind speed at 10 m [m/s], 1 to 20, and azimuth that the wind blows from [degree].
+        Wind speed at a height of 10 m [m/s], 1 to 20, and azimuth that the wind blows from [degree].
     fetch : float
         Distance over which the wind has blown [m]; only JONSWAP uses it.
     spectrum, spreading : str, and str, optional
-        Wave spectrum; directional spreading, by default "elfouhaily" for that spectrum, else "half-angle" (cos-2s).
+        Wave spectrum. Directional spreading: by default "elfouhaily" for the spectrum of that name, else "half-angle".
     exponent, opposing : float
-        Exponent s of the cos-2s spreading; share of the energy that goes upwind in Elfouhaily's spreading, 0 to 0.5.
+        Exponent s of the cos-2s spreadings "half-angle" and "full-angle"; share of the energy that goes upwind in the
+        spreading "elfouhaily", 0 to 0.5.
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")
@@ -123,7 +123,7 @@ def wavenumbers(sea: Sea, *, longest: float | None = None, shortest: float = SHO
 
 
 def slope_variance(sea: Sea, *, longest: float | None = None, shortest: float = SHORTEST_WAVE) -> tuple[float, float]:
-    """Variances of upwind and crosswind slope [1] due to waves between two wavelengths [m], as in `wavenumbers`.
+    """Variances of upwind and crosswind slope [1] due to waves from `shortest` to `longest` [m], as in `wavenumbers`.
 
     Examples
     --------

@@ -41,8 +41,7 @@ FLAGS = {
     32: "clipped to the output's integer range (less the number for nodata), in some band",
     64: "replaced: glint of one instant, in some band, by the water beside it",
     128: "protected: a target, which exceeds the water in a way that glint does not, and was restored",
-}
-"""Bits of the flag raster's first band."""
+}  # bits of the first band of the flag raster
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS
 GLINT_CLASSES = {0: "not assessed", 1: "negligible", 2: "correctable (moderate)", 3: "uncorrectable (severe)"}
 """Values of the second band of the flag raster: class of sun glint in the pixel before the correction."""
@@ -79,7 +78,9 @@ def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) 
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> PixelCounts:
-    """Count pixels by `flags` (row, column), and in each band the changed pixels and those in each mask `marked`."""
+    """Count the pixels of a corrected tile: those with each flag in `flags` (row, column), and in each band the changed
+    pixels and the True pixels of each mask (band, row, column) in `marked`, named as a field of the result.
+    """
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
     if block.replaced is not None:
@@ -140,7 +141,6 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
     """Path and layout of each additional raster (flags, amounts, standard errors), by field of `Corrected`.
-
     `modelled` is the result of `sky_glint`.
     """
     info, bands = work.layout.info, tuple(work.amount_bands)
@@ -215,9 +215,9 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
 
 def _angle(tags: Mapping[str, Any], name: str, other: str, *, zenith: bool) -> float | None:
-    """An angle [degree] from tag `name`, or else from tag `other`; None if neither is a number.
-    If `zenith` is True, tag `name` is a zenith angle, and tag `other` is an elevation, 90 degrees minus the zenith
-    angle. None is also returned for a zenith angle outside 0 to `VIEW_LIMIT`.
+    """Read an azimuth or zenith angle [degree] from tag `name`; if this has no number, from tag `other`.
+    For a zenith angle (`zenith` is True), tag `other` has the elevation; 90 degrees minus the elevation is returned.
+    Returns None if neither tag has a number, or a zenith angle is outside 0 to `VIEW_LIMIT`.
     """
     angle = number(tags.get(name))
     if angle is None and (angle := number(tags.get(other))) is not None and zenith:

@@ -71,13 +71,13 @@ class Outputs:
 
 @dataclass
 class PixelCounts:
-    """Counts of the pixels of a tile or run. A count for each band: (band,) in scene order, or 0 if all are 0."""
+    """Numbers of pixels of a tile or a run. Numbers for each band are arrays (band,), or 0 if nothing was counted."""
 
     total: int = 0
-    nodata: int = 0
-    not_water: int = 0
+    nodata: int = 0  # not valid
+    not_water: int = 0  # not water, or outside the mask
     corrected: int = 0
-    protected: int = 0
+    protected: int = 0  # targets
     replaced: Any = 0  # for each band: glint replaced by a chain
     changed: Any = 0  # for each band: not copied
     negative: Any = 0  # for each band: below 0 after the correction

@@ -83,7 +83,7 @@ def _lattice(scene: Scene, pixels: int) -> list[Tile]:
 
 
 def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
-    """All tiles of a scene; if too many for memory, some of those with valid pixels in the 0-based band `nir`."""
+    """All tiles of a scene; if they need too much memory, some of those with valid pixels in the 0-based band `nir`."""
     total = scene.height * scene.width
     if total <= MOST_OVERVIEW:
         return tiling.tiles(scene.height, scene.width, (TILE_SIDE, TILE_SIDE))
@@ -141,7 +141,7 @@ class Sampler:
     """Where the sample of a scene lies: tiles that contain it, and a function that returns its mask in a tile."""
 
     tiles: Sequence[Tile]  # tiles that contain the sample
-    squares: Sequence[Tile]  # others, of up to `TILE_SIDE` pixels a side, whatever the blocks of the file are
+    squares: Sequence[Tile]  # the same area in squares of up to `TILE_SIDE` pixels, for any blocks of the file
     mask: Callable[[Any, Tile], Mask]  # mask of the sample (row, column) from a block of `bands`, and from its tile
     bands: tuple[int, ...] = ()  # 0-based bands that `mask` needs
     halo: int = 0  # pixels around a tile that `mask` needs

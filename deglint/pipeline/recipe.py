@@ -117,7 +117,7 @@ Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-ass
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:
-    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; `field` is its name in errors."""
+    """Names and 1-based numbers of bands, from text ("NIR1, NIR2"), number or list; errors name the option `field`."""
     try:
         return tuple(map(str, split_wanted(value)))
     except InputError as error:

@@ -108,7 +108,7 @@ def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Strips of odd and of even detectors, from the detector footprints of a 0-based band; None if not both exist."""
+    """Map of the strips of odd and even detectors, from the footprints of a 0-based band; None unless both exist."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -310,7 +310,7 @@ def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel 
 def _reached(
     tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
 ) -> tuple[dict[str, Any], str, list[str]]:
-    """Sidecar entries, log line, warnings on whether `errors` meet `tolerance`; `taken` of `whole` pixels were read."""
+    """Compare `errors` with `tolerance`: sidecar entries, log line and warnings. `taken` of `whole` pixels are read."""
     worst = max(errors.values(), default=0.0)
     met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {

@@ -5,8 +5,8 @@
     plan.combined  # contrast over noise for every viewing geometry, 0 where glint, reflected sky or noise exclude it
 
 A viewing geometry is a zenith angle and an azimuth of the sensor, as seen from an object under water. For each of them,
-a `Reticle` holds the share of the sea that reflects the sun, the radiance of sun glint and of reflected skylight, and
-the contrast between the object and deep water.
+a `Reticle` holds the share of the sea that reflects the sun into the sensor, the radiance of sun glint and of reflected
+skylight, and the contrast between the object and deep water.
 """
 
 from .mission import Limits, Mission

@@ -43,7 +43,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 
 def selected(moments: Sequence[Moment]) -> list[int]:
-    """Select at most 12 evenly spaced times with the sun up, the best time included; return their indices."""
+    """Select at most 12 evenly spaced times with the sun up, including the best; return their indices in `moments`."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
     if not up:
         return []
@@ -56,7 +56,7 @@ def selected(moments: Sequence[Moment]) -> list[int]:
 
 
 def _over_time(canvas: Canvas, moments: Sequence[Moment], best: Moment | None) -> None:
-    """Draw contrast and solar elevation over time as lines, the excluded share as bars, a star at the time `best`."""
+    """Draw contrast and solar elevation over time as lines, shares of excluded geometries as bars, a star at `best`."""
     left, top, width, height = _DAY_BOX
     count = max(len(moments) - 1, 1)
     high = max((m.geometry.contrast for m in moments if m.geometry), default=1.0)
@@ -107,9 +107,9 @@ def _small(canvas: Canvas, centre: Point, plan: Reticle, moment: Moment, is_best
 
 
 def line_picture(mission: Mission, line: Line, words: Sequence[str] = ()) -> Image:
-    """Draw the share of the field of view in glint by heading, and the glint across the track for two headings.
+    """Draw the share of the view in glint by heading, and the glint across the track on the best and worst heading.
 
-    These are the best and the worst heading. `words` are lines of text above the chart, by default `line.words()`.
+    `line` has the glint for all headings. `words` are lines of text above the chart, by default `line.words()`.
     """
     first, *rest = words or [line.words()]
     down = 25.0 * sum(len(draw.wrapped(text, 17, WIDTH - 80)) for text in rest)

@@ -98,7 +98,7 @@ def excluded_share(plan: Reticle) -> float:
 
 
 def _numbers(plan: Reticle, geometry: ViewingGeometry) -> dict[str, Any]:
-    """Values of a viewing geometry for JSON: angles, contrast, glint; for each band `_NUMBER_LAYERS` and electrons."""
+    """Values of a viewing geometry for JSON: angles, contrast, glint; `_NUMBER_LAYERS` and electrons of each band."""
     i, j = plan.nearest(geometry.zenith, geometry.azimuth)
     counts = plan.counts()
     return {

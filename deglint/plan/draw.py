@@ -103,7 +103,7 @@ def wrapped(text: str, size: float, width: float) -> list[str]:
 
 
 def polar(centre: Point, radius: float, zenith: float, azimuth: float, widest: float) -> Point:
-    """Point of a viewing geometry [degree] on a disc, north up; the zenith angle is `widest` at `radius` [pixel]."""
+    """Point of a viewing geometry [degree] on a disc, north up; the edge, at `radius` [pixel], has zenith `widest`."""
     return around(centre, radius * zenith / widest, azimuth)
 
 
@@ -157,7 +157,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], pa
 
 
 def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour) -> None:
-    """Draw a sample of the hatching `pattern` ("/", "\\" or ".") for a legend, 28 x 18 pixels, from (left, top)."""
+    """Draw the hatching `pattern` ("/", "\\" or ".") as a sample in a legend: 28 x 18 pixels, corner (left, top)."""
     fine = np.full((36, 56, 3), GROUND, np.uint8)
     fine[_pattern(pattern, 56)[:36]] = colour
     x, y = round(left), round(top)
@@ -165,7 +165,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
-    """Interpolate values (zenith, azimuth) linearly to the pixels of a disc drawn `_OVERSAMPLING` times larger."""
+    """Interpolate values (zenith, azimuth) linearly to the pixels of a disc with `_OVERSAMPLING` times `radius`."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 
@@ -182,7 +182,7 @@ def _pattern(pattern: str, side: int) -> npt.NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Masks, True on a disc: (row, column) of `_OVERSAMPLING` times `radius` [pixel]; (row, column, 1) of `radius`."""
+    """Two masks, True on a disc: (row, column) for `_OVERSAMPLING` times `radius`, (row, column, 1) for `radius`."""
     fine, coarse = (
         np.hypot(a[None, :], a[:, None]) <= radius for a in (_axis(radius, _OVERSAMPLING), _axis(radius, 1))
     )
@@ -191,8 +191,8 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Maps for cv2.remap: fractional column (azimuth) and row (zenith angle) of each pixel of a disc in a table of
-    `down` zenith angles by `around` azimuths. The disc has `_OVERSAMPLING` times the given radius [pixel].
+    """Maps for cv2.remap: the fractional column (azimuth) and row (zenith) from which each pixel of a disc is taken
+    in an array of `down` zenith angles and `around` azimuths. The disc has `_OVERSAMPLING` times `radius` [pixel].
     """
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]

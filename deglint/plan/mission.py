@@ -239,7 +239,7 @@ _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "m
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """Make a mission from tables {table: {key: value}}; `name` is their source in error messages, such as a file name.
+    """Make a mission from tables {table: {key: value}}, as in a mission file; `name` names them in error messages.
 
     Raises InputError if a table or key is unknown, or a value cannot be used.
 
@@ -290,7 +290,7 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
-    """Merge tables: `above` overrides `below`; angles of the sun in `above` replace place and time, and vice versa."""
+    """Merge tables: `above` overrides `below`; a table "sun" in `above` replaces "place" in `below`, and vice versa."""
     out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
     for table, other in (("sun", "place"), ("place", "sun")):
         if table in above:
@@ -317,7 +317,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Check and return the values of a table. Raises InputError if a key is not `known` or a number is not finite."""
+    """Check and return the values of a table. Raises InputError if a key is not in `known` or a number not finite."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """Contrast over noise (zenith, azimuth) of one or all bands; hatchings of low contrast, reflected sky, glint."""
+    """Contrast over noise (zenith, azimuth) of `band`, or of all; hatchings for low contrast, sky glint, sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -131,7 +131,7 @@ def _sun(canvas: Canvas, at: Point, size: float) -> None:
 
 
 def _sun_and_wind(canvas: Canvas, mission: Mission) -> None:
-    """Label the sun; mark the specular point, the object at the centre, and the wind."""
+    """Label the sun on the disc, and mark the specular point, the object at the centre, and the wind."""
     (x, y), radius, widest = DISC_CENTRE, DISC_RADIUS, mission.widest
     zenith, azimuth = mission.sun
     right, down = polar(DISC_CENTRE, radius, min(zenith, widest), azimuth, widest)

@@ -140,7 +140,7 @@ class Reticle:
         return int(np.argmin(np.abs(self.zenith - zenith))), int(np.argmin(np.abs(self.azimuth - azimuth)))
 
     def counts(self) -> dict[str, Floats]:
-        """Electrons per pixel (band, zenith, azimuth) from background, object, sky and glint (Fink 2014, eq. 2.23)."""
+        """Electrons per pixel (band, zenith, azimuth): "background", "object", "sky", "glint" (Fink 2014, eq. 2.23)."""
         parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
                  "glint": self.glint_radiance}  # fmt: skip
         sensor, bands = self.mission.sensor, self.mission.channels
@@ -226,9 +226,9 @@ def best_geometry(
 ) -> ViewingGeometry | None:
     """The viewing geometry with the highest contrast; None if all are excluded.
 
-    Where possible, no excluded viewing geometry lies within `MARGIN` of the best one. `contrast` (zenith, azimuth) is
-    contrast over noise [1], 0 where excluded; by default it is that of `band`, or of all bands together.
-    Raises BandError if the plan has no such band.
+    If possible, one is selected that has no excluded viewing geometry within `MARGIN`. `contrast` (zenith, azimuth) is
+    contrast over noise [1], 0 where excluded; by default it is that of the band with the name `band`, or of all bands
+    together. Raises BandError if the plan has no such band.
     """
     bands = list(range(len(plan.bands))) if band is None else [plan.index(band)]
     if contrast is None:

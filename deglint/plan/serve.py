@@ -37,7 +37,7 @@ _THIN = 4  # the page gets every fourth viewing geometry, for the values at the 
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
-    """Serve the page until Ctrl-C, and open it in a browser; the sliders start at the values of the mission.
+    """Serve the page until Ctrl-C and, if `browser`, open it in a browser; sliders start at the values of `mission`.
 
     Port 0 selects a free port. `say` is called with each line of text to show, such as the address of the page.
     Raises InputError if the port is in use.

@@ -92,7 +92,7 @@ def _cubic(x: Floats) -> tuple[Floats, ...]:
 def _linear(x: Floats) -> tuple[Floats, ...]:
     """Weights of the nodes 0 and 1 for linear interpolation to positions x (0 to 1): one array for each node.
 
-    Unlike cubic interpolation, it never makes the share of facets brighter than a radiance rise with this radiance.
+    The share of facets that are brighter than a level must not rise with the level; cubic weights could make it rise.
     """
     return 1.0 - x, x
 
@@ -100,7 +100,7 @@ def _linear(x: Floats) -> tuple[Floats, ...]:
 def _summed(
     zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Mean skylight reflected per diffuse irradiance [1/sr], and share of the sea [1] brighter than each of `LEVELS`.
+    """Mean reflected skylight per diffuse irradiance [1/sr]; share of the sea that reflects more than each of `LEVELS`.
 
     The mean is (zenith, azimuth), the share (level, zenith, azimuth). `zeniths` and `turns` are zenith angles and
     azimuths of the sensor, `sun` is (zenith angle, azimuth) [degree]. All azimuths are relative to that of the wind.
@@ -149,7 +149,7 @@ class _Facets:
         """Share of the sea that each facet covers as the sensor sees it [1], and sky radiance that it reflects [1/sr].
 
         Both are (azimuth, facet), for one zenith angle and several azimuths `turns` of the sensor relative to the wind
-        [degree]. The sky radiance is per diffuse irradiance; `to_sun` is a unit vector (upwind, crosswind, up).
+        [degree]. Radiance is per diffuse irradiance. `to_sun` is the unit vector (upwind, crosswind, up) to the sun.
         """
         x, y, cosine = _unit(zenith, turns[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)

@@ -152,7 +152,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best flight line for each time within 12 hours when the sun is up; the nearest time comes first."""
+    """Yield the best flight line at times with the sun up, within 12 hours of the mission time; nearest time first."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)

@@ -32,7 +32,7 @@ class Moment:
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
-    Raises InputError if the end lies before the start.
+    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
@@ -136,7 +136,7 @@ class WindEnsemble:
         self.risk = excluded.mean(axis=0)  # share of the winds that exclude a viewing geometry, (zenith, azimuth) [1]
 
     def at(self, geometry: ViewingGeometry) -> dict[str, tuple[float, float]]:
-        """Lowest and highest glint [1/sr], glint probability [1] and contrast over noise [1] at a viewing geometry."""
+        """Lowest and highest "glint" [1/sr], "glint_probability" [1], "contrast" [1] at a geometry under all winds."""
         i, j = self.middle.nearest(geometry.zenith, geometry.azimuth)
         pairs = {"glint": self.glint, "glint_probability": self.glint_probability, "contrast": self.contrast}
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}

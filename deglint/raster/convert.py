@@ -1,4 +1,4 @@
-"""Convert the values in a file to physical values and back, by pure functions on arrays.
+"""Convert the values in a file to physical values and back; all functions work on arrays in memory.
 
 Physical value = file value * scale + offset. Values for an integer type are rounded, and clipped to its range; masks
 show which ones were clipped. Pixels that were not corrected are not converted, so that no bit of them changes.

@@ -39,7 +39,7 @@ _FLAG_COLOURS = (
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
-"""Entries for the first version of a file that gets overviews; `add_overviews` copies it with all options."""
+"""Profile entries with which a file with overviews is first written; `add_overviews` copies it with all options."""
 
 
 def levels(height: int, width: int) -> list[int]:
@@ -250,7 +250,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a writer for each image in a `with` block; result and `images` (target, layout) have image names as keys."""
+    """Open a writer for each of `images` (target and layout by name) in a `with` block; provide the writers by name."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))

@@ -66,7 +66,7 @@ def _base(stem: str | Path) -> Path:
 
 
 def layers_of(scene: Any) -> dict[str, Layer]:
-    """Image and ground truth of a simulated scene: layers, by the suffix of their files ("" for the image)."""
+    """Image and ground truth of a simulated scene as a `Layer` each, by the suffix of its file ("" for the image)."""
     setup, sensor = scene.setup, scene.setup.sensor
     names = tuple(b.name for b in sensor.bands)
     tags = tuple({"wavelength": f"{b.wavelength:g}", "time_offset_s": f"{b.time_offset:.3f}"} for b in sensor.bands)
@@ -152,7 +152,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Check, before a plan is computed, that outputs end in one of `kinds` (".png", ...) and pass `check_targets`."""
+    """Check, before a plan is computed, that outputs end in one of `kinds` (".png", ...), and call `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")

@@ -43,7 +43,7 @@ def identity(path: str | Path) -> tuple[int, int] | str:
 
 
 def files_behind(names: Iterable[str | Path]) -> tuple[str, ...]:
-    """All files that are read for some names, each once: first the names, then the files that belong to them.
+    """All files that are read if the inputs `names` are read: first the names, then the files that belong to them.
 
     Names are GDAL names, folders or text files. Files that belong to a name are, for example, the sources of a VRT, or
     the archive that contains a file. Names that are not files ("auto", "0,0,10,10") or cannot be opened have none.
@@ -80,7 +80,7 @@ def _read_with(name: str) -> Iterator[str]:
 
 
 def _local(name: str) -> list[str]:
-    """List of the local file or archive in a GDAL name: a.zip in "/vsizip/a.zip/b.tif"; empty for a plain path."""
+    """The local file or archive in a GDAL name, in a list: a.zip for "/vsizip/a.zip/b.tif"; empty for a plain path."""
     bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
     if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
         return []
@@ -176,7 +176,7 @@ class Scratch:
         return self
 
     def add(self, target: Path) -> Path:
-        """Return the path of a new scratch file in the directory of `target`; the caller writes that file."""
+        """Return the path of a scratch file to write; at the end of the `with` block it is renamed to `target`."""
         _clear_scratch(target.resolve())
         self._files[target] = _beside(target.resolve(), "part")
         return self._files[target]

@@ -113,7 +113,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """The area of the polygons in a GeoJSON document; the name of its file, `name`, is used in messages.
 
     The document's member `crs` names the CRS of the polygons. Without it, coordinates are longitude and latitude (RFC
-    7946), or in the scene's CRS if any exceeds 360 or 90. For a scene without CRS, they are in the scene's coordinates.
+    7946), or, if an x exceeds 360 or a y 90, in the scene's CRS. If the scene has no CRS, they are in its coordinates.
     """
     from rasterio.warp import transform_geom
 
@@ -147,7 +147,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON outlines (features) of the True pixels of a mask that starts at row and column `origin` of `scene`."""
+    """GeoJSON features: outlines of the True pixels of a mask that starts at (row, column) `origin` of `scene`."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])

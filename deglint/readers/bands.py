@@ -77,9 +77,9 @@ def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
 def _with_sensor(
     bands: list[Band], info: RasterInfo, sensor: str | None, unnamed: frozenset[int]
 ) -> tuple[list[Band], str | None, list[str]]:
-    """Add missing properties to bands from the preset `sensor`; if it is None, from one that a tag names, if that fits.
+    """Add missing properties to bands, from the preset `sensor` or, if it is None, from the preset that a tag names.
 
-    `unnamed` is as in `apply_sensor`. Returns the bands, the name of the preset that was used (or None), and notes.
+    `unnamed` is as in `apply_sensor`. Returns the bands, the preset's name (None: no tag, or no fit), and notes.
     """
     if sensor is not None:
         asked = sensor_of(sensor)
@@ -99,7 +99,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Derive missing wavelengths from band names (codes, else colours), except of `unnamed`; return bands and notes."""
+    """Derive missing wavelengths from codes or colours in names, except for `unnamed` bands; return bands and notes."""
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     letters = spectral.letter_wavelengths([b.name for b in bands])

@@ -1,7 +1,7 @@
 """Put several files on one grid of pixels, and compute the size of pixels on the ground.
 
-The grid of several files is that of the file with the smallest pixels, or of a selected file. Files on other grids are
-resampled while they are read, in their data type: bilinearly if their pixels are larger, by averaging if smaller.
+The common grid is that of the file with the smallest pixels, or of a selected file. When a window of another file is
+read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels are smaller. Its data type is kept.
 """
 
 import math
@@ -27,7 +27,7 @@ _TRUE = 0.01  # largest relative error of lengths in a map projection that is ne
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """Put files on one grid: return a `FileBands` for each, the description of the file with that grid, and notes.
 
-    `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, its name or the end of it.
+    `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, or (the end of) its name.
     """
     sizes = {(i.height, i.width) for i in infos}
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
@@ -129,7 +129,7 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source of the file `info` on the grid of `grid`, by nearest neighbour; `nodata` replaces the file's nodata."""
+    """Source that reads a file, resampled to `grid` by nearest neighbour; `nodata` replaces the nodata of the file."""
     if nodata is not None:
         info = replace(info, nodatas=(nodata,) * info.count)
     file = FileBands.of(info) if same_grid(info, grid) else _warped(info, grid, how="nearest")
@@ -138,7 +138,7 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
-    """Source of the number of the detector that took each pixel, on the grid of `grid`; NaN if there is none.
+    """Source that returns, for each pixel of `grid`, the number of the detector that took it; NaN if there is none.
 
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
@@ -150,7 +150,7 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
 
 
 def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
-    """The bands of a file, resampled at reading to the grid of `reference` by the method `how` of GDAL ("average")."""
+    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`."""
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 

@@ -128,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for the option --bands: names with known wavelengths are kept; `hidden` adds "nir" for the alpha band."""
+    """Example for the option --bands: names of known wavelength are kept; if `hidden`, alpha becomes "nir"."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

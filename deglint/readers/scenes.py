@@ -114,7 +114,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """The assets with the bands of a STAC Item: those named by `keys`, else by `_chosen`; `path`: its file or URL."""
+    """Assets with the bands of a STAC Item, selected by `keys`, else by `_chosen`. `path` is the Item's file or URL."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
@@ -139,7 +139,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets with the bands: one-band assets, by wavelength, else the only image. `what` is for errors."""
+    """Keys of the assets with one band, in order of wavelength, else of the only image; `what` is for messages."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}

@@ -1,4 +1,4 @@
-"""Read small text files that a user gives by command-line options, such as GeoJSON, and convert texts to numbers."""
+"""Read small files that a user names in options (TOML, JSON, GeoJSON, CSV), and convert strings to numbers."""
 
 import json
 import math
@@ -10,7 +10,7 @@ from ..errors import InputError, ReadError
 
 
 def read_text(path: str, option: str) -> str:
-    """Read the UTF-8 file given by the command-line option `option`. Raises ReadError or InputError if this fails."""
+    """Read a UTF-8 file; messages name the command-line option `option`. Raises ReadError or InputError on failure."""
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
@@ -22,7 +22,7 @@ def read_text(path: str, option: str) -> str:
 
 
 def read_toml(path: str, option: str) -> dict[str, Any]:
-    """Read the TOML file given by the command-line option `option`. Raises ReadError or InputError if this fails."""
+    """Read a TOML file; messages name the command-line option `option`. Raises ReadError or InputError on failure."""
     import tomllib
 
     text = read_text(path, option)
@@ -33,7 +33,7 @@ def read_toml(path: str, option: str) -> dict[str, Any]:
 
 
 def read_json(path: str, option: str) -> Mapping[str, Any]:
-    """Read the JSON object in the file given by the option `option`. Raises ReadError or InputError if this fails."""
+    """Read the JSON object in a file; messages name the option `option`. Raises ReadError or InputError on failure."""
     text = read_text(path, option)
     try:
         document = json.loads(text)
@@ -45,7 +45,7 @@ def read_json(path: str, option: str) -> Mapping[str, Any]:
 
 
 def number(value: Any) -> float | None:
-    """The value as a float if it is a finite number, or a text with such a number; else None."""
+    """The value as a float if it is a finite number, or a string with such a number; else None."""
     try:
         found = float(value)
     except (TypeError, ValueError):
@@ -54,12 +54,12 @@ def number(value: Any) -> float | None:
 
 
 def positive(value: Any) -> float | None:
-    """The value as a float if it is a finite number above 0, or a text with such a number; else None."""
+    """The value as a float if it is a finite number above 0, or a string with such a number; else None."""
     found = number(value)
     return found if found is not None and found > 0 else None
 
 
 def numbers(text: str | None) -> list[float]:
-    """The numbers in a text, separated by blanks or commas; an empty list if any part of the text is not a number."""
+    """The numbers in a string, separated by blanks or commas; an empty list if any part of it is not a number."""
     found = [number(part) for part in (text or "").replace(",", " ").split()]
     return [] if None in found else [n for n in found if n is not None]

@@ -38,12 +38,12 @@ S2_OFFSET, S2_QUANTIFICATION = 1000, 10_000
 S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
 """If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
 minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
-the range, after an atmospheric correction that subtracts too much, leave it open; below the third value
-(a reflectance of -.05) in a NIR or SWIR band, the offset is excluded."""
+the range, after an atmospheric correction that subtracts too much, do not show whether it is included. If the minimum
+of a NIR or SWIR band is below the third value (with the offset, a reflectance of -.05), it is not included."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
-over water (percentile `DARK`), or if its range up to percentile `UPPER` is the largest by `WIDER`, as over plants."""
+(percentile `DARK`), as over water, or if its range (`DARK` to `UPPER`) is `WIDER` times the others, as over plants."""
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]
@@ -153,7 +153,7 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
 
 
 def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
-    """Most frequent value of pixels with one value in all bands (masks in `same`); values up to 0 take precedence."""
+    """Most frequent value where all bands have the same value (mask in `same`); values up to 0 take precedence."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -172,7 +172,7 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
-    """Whether a file has integers, more than two spectral bands, all named as in Sentinel-2, and no stated offset."""
+    """Whether names, integer type and scale suggest bands of a Sentinel-2 product, and no offset is stated."""
     known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
     named = len(spectral) > 2 and set(spectral) <= known
@@ -182,7 +182,7 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
 
 
 def _four(scene: Scene) -> bool:
-    """Whether there are four bands, the last one without name and wavelength, and none is known to be above 700 nm."""
+    """Whether there are four bands, the last without name and wavelength, and no other is known to be above 700 nm."""
     waves = [b.wavelength for b in scene.bands]
     unnamed = len(waves) == 4 and waves[3] is None and scene.names[3] == "band 4"
     return unnamed and all(w is None or w < VISIBLE for w in waves[:3])
@@ -203,7 +203,7 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
 
 
 def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclared) -> Undeclared:
-    """Add the offset of Sentinel-2 to `found` if the values in `blocks` include it; only a note if they may do so."""
+    """If the values in `blocks` include the offset of Sentinel-2, add it to `found`; if they may do so, add a note."""
     floors = _percentiles(blocks, found.nodatas or info.nodatas, 0.1)
     waves = [b.wavelength or 0.0 for b in scene.bands]
     least = min(f for f, w in zip(floors, waves, strict=True) if w)

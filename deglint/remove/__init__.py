@@ -130,7 +130,7 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """Return the block as floats, and the sample mask (all True if None). Raises InputError if a shape is wrong."""
+    """Return `block` as floats and `sample` as a mask, True everywhere if None; raise InputError for a wrong shape."""
     block = np.asarray(block)
     if block.ndim != 3:
         raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
@@ -143,7 +143,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
 
 
 def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray], masks: Sequence[Mask]) -> GlintModel:
-    """Fit a method without kernels to `blocks`, (band, row, column); `masks`, (row, column), are True in the sample."""
+    """Fit a method without kernels to tiles: `blocks`, (band, row, column), and masks of the sample, (row, column)."""
     chosen = METHODS[method]
     if chosen.plan is None:
         return chosen.fit(request, None)
@@ -188,7 +188,7 @@ def nir_request(
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:
-    """Position in `nir` of the first band taken at the same time (`Band.group`) as `band`; InputError if none is."""
+    """Position in `nir` of the first band with the same `Band.group` as `band`; raises InputError if there is none."""
     for k, reference in enumerate(nir):
         if bands[reference].group and bands[reference].group == bands[band].group:
             return k

@@ -2,7 +2,7 @@
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
 subtraction of a local mean from every band, the slope is nearly constant over the sea. Where land or the edge of a tile
-covers a part of the window, its mean is that of one side, and a local plane is subtracted instead.
+covers a part of the window, the mean is that of one side of the pixel only; `detrend_plane` then fits a local plane.
 """
 
 from functools import partial
@@ -103,7 +103,7 @@ def _box_sum(values: Float64, size: int) -> Float64:
 
 
 def _run_sum(values: Float64, size: int) -> Float64:
-    """Sums of every `size` successive rows; `size` - 1 fewer rows. Each is composed of sums over 1, 2, 4, ... rows."""
+    """Sum of each `size` successive rows, made of sums over 1, 2, 4, ... rows; the result has `size` - 1 fewer rows."""
     length = len(values) - size + 1
     total = np.zeros((length, values.shape[1]))
     offset, power = 0, 1

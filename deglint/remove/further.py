@@ -32,7 +32,7 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
-    """Bands to correct (0-based), from `FURTHER_FROM` nm on; the shortest is dropped until `serve(bands)` is True."""
+    """Bands to correct from `FURTHER_FROM` nm on (0-based). While `serve(bands)` is False, the shortest is dropped."""
     waves = {b: request.bands[b].wavelength or 0.0 for b in request.correct}
     more = sorted((b for b, w in waves.items() if w >= FURTHER_FROM), key=waves.__getitem__)
     while more and not serve(tuple(more)):

@@ -1,8 +1,8 @@
-"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm, less a part that is estimated from 640 nm.
+"""Goodman, Lee and Ustin (2008): subtract the reflectance at 750 nm, without its water-leaving part, from every band.
 
-The method assumes remote-sensing reflectance (give `rrs_factor` for other units: pi for reflectance), and that the
-water-leaving part at 750 nm follows from the difference between 640 and 750 nm. It works pixel by pixel without a
-sample, also over bright bottoms, and needs bands near 640 and 750 nm.
+The water-leaving part is estimated from the difference between 640 and 750 nm, with constants for remote-sensing
+reflectance Rrs. `FitRequest.rrs_factor` is the ratio of the values to Rrs; the default is pi, for reflectance. The
+method needs bands near 640 and 750 nm and no sample, processes each pixel alone, and works also over bright bottoms.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ B = 0.1  # increase of the water-leaving part at 750 nm with Rrs(640) - Rrs(750)
 
 
 def fit(request: FitRequest, _stats: None = None) -> GlintModel:
-    """Make the model R'_i = R_i - (g - A), with the glint index g = (1 + B) R_750 - B R_640, constants A (level) and B.
+    """Make the model R'_i = R_i - (g - A f), with f the `rrs_factor` and the glint index g = (1 + B) R_750 - B R_640.
 
     Goodman, Lee, Ustin (2008), "Influence of atmospheric and sea-surface corrections on retrieval of bottom depth and
     reflectance using a semi-analytical model: a case study in Kaneohe Bay, Hawaii", Applied Optics 47, F1-F11,

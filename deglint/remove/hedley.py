@@ -1,4 +1,4 @@
-"""Hedley, Harborne and Mumby (2005): slope against the NIR, glint-free NIR at its minimum.
+"""Hedley, Harborne and Mumby (2005): slope of each band on the NIR; the minimum NIR is taken as glint-free NIR.
 
 The method assumes that the glint of every band is proportional to the glint of the NIR, that water is dark in the NIR,
 and that some pixel of the sample is free of glint. It fails where bands are not simultaneous, and if the darkest pixel
@@ -13,7 +13,7 @@ from .statistics import SampleStatistics
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit L'_i = L_i - b_i (NIR - min NIR), b_i the slope of band i; if set, `floor_percentile` replaces the minimum.
+    """Fit L'_i = L_i - b_i (NIR - min NIR) with the slopes b_i; a `floor_percentile` above 0 replaces the minimum.
 
     Hedley, Harborne, Mumby (2005), "Simple and robust removal of sun glint for mapping shallow-water benthos",
     International Journal of Remote Sensing 26, 2107-2112, doi:10.1080/01431160500034086.

@@ -1,4 +1,4 @@
-"""Joyce (2004): slope against the NIR, glint-free NIR at its mode.
+"""Joyce (2004): slope of each band on the NIR; the mode of the NIR is taken as glint-free NIR.
 
 The method assumes that most pixels of the sample are free of glint, so that the mode of the NIR is the NIR of water. It
 fails if more than about 60 % of the pixels have glint. If there is little glint, it is the most robust of the three

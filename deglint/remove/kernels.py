@@ -3,7 +3,7 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
 The vector v(x) has the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b), all
-minus their means; G_rr and G_rb are parts of G, and lambda is a small ridge. There is one Gram matrix G for each square
+minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
 of `CELL` x `CELL` pixels of the sample. The response of a kernel is the sum of its coefficients; its support is the
 side of its window on each reference. The fit is repeated without each group of squares in turn: residuals in the group
 that is left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
@@ -29,8 +29,7 @@ from .reference import LEAST_OPEN
 SIDE = 5  # side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene
 KERNEL_REACH = SIDE // 2  # pixels on each side that the largest kernel needs [pixel]
 KERNEL_RIDGE = 1e-6  # ridge for singular matrices, relative to the mean of the diagonal; 1e-2 gives the same results
-SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))
-"""Sides of the kernels on the first and on the second reference, smallest first [pixel]."""
+SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))  # sides of kernels on first and second reference [pixel]
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
 is bright in the NIR, and the noise by which supports are compared does not show this advantage."""
@@ -39,13 +38,15 @@ FOLDS = 16  # groups of squares that are left out in turn: an error estimated fr
 
 
 def offsets(side: int) -> tuple[tuple[int, int], ...]:
-    """Offsets (row, column) of all pixels of a square from its centre pixel; `side` of the square [pixel] is odd."""
+    """Offsets (row, column) of the pixels of a square from its centre; its `side` [pixel] is odd."""
     span = range(-(side // 2), side // 2 + 1)
     return tuple(product(span, span))
 
 
 class LagGrams(NamedTuple):
-    """Gram matrix of each square of a sample: sums over pixels of products of references (at all offsets) and bands."""
+    """Gram matrices of a sample, one for each square: sums over its pixels of products of two variables.
+    The variables are each reference at each offset in `SIDE` x `SIDE` pixels, then each band to predict.
+    """
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
     pixels: npt.NDArray[np.int64]  # (square,): number of pixels in the sums
@@ -80,12 +81,13 @@ def gather(
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
-    """Compute the Gram matrix of each square of `CELL` x `CELL` pixels of a tile; omit squares with too few pixels.
+    """Compute the Gram matrix of each square of `CELL` x `CELL` pixels of a tile, with the variables of `LagGrams`.
 
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict
     sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
-        counts if the largest kernel around it covers only such pixels
-    size : side of the window around each pixel in which a plane is fitted and first subtracted [pixel]; 0 for none
+        counts if the largest kernel around it covers only such pixels; squares with few of them are left out
+    size : side of the window around each pixel in which a plane is fitted [pixel]. This local plane is subtracted from
+        references and bands before products are computed; 0: nothing is subtracted
     origin : row and column in the scene of the first pixel of the tile [pixel]
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
@@ -117,7 +119,6 @@ def gather(
 
 def _gram(variables: Float64, weight: Float64) -> Float64:
     """Weighted Gram matrix of variables (row, variable, column) minus their means; `weight` is (row, column).
-
     Products are computed by rows: for a whole square BLAS would start threads that compete with the threads for tiles.
     """
     mean = np.einsum("rvc,rc->v", variables, weight) / weight.sum()
@@ -133,7 +134,7 @@ def merge(parts: Sequence[LagGrams]) -> LagGrams:
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
-    """Coefficients (input, output) of a ridge regression; `inputs`, `outputs`: their rows in the Gram matrix `gram`."""
+    """Coefficients (input, output) of a ridge regression; `inputs` and `outputs` are rows of variables in `gram`."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
@@ -142,7 +143,7 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares, (output,), with `coefficients` (input, output); other arguments are as in `solve`."""
+    """Residual sum of squares of each output with `coefficients` (input, output); other arguments are as in `solve`."""
     rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
     return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
 
@@ -169,9 +170,9 @@ class KernelFit(NamedTuple):
 
 
 def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
-    """Fit the kernels of a set of bands; one result for each support (side on each reference) that is selected.
+    """Select the support of each band (side of its kernel on each reference), and fit kernels; one result per support.
 
-    Raises FitError if the references do not vary, or sums of squares are too large.
+    Raises FitError if the references do not vary, or if sums of squares exceed double precision.
     """
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
     edges = np.arange(count + 1) * len(grams.grams) // count
@@ -197,7 +198,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power in each group of squares over a band's power, (group, band), with kernels of the other groups."""
+    """Residual power (group, band) of kernels in squares left out of their fit, relative to the power of the band."""
     power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
     alone = len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
@@ -205,7 +206,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Support (sides of the kernel) of each band: the best for all, or its own if clearly better, by the `losses`."""
+    """Choose each band's support by `losses` (group, band): the best for all bands, or another if clearly better."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
@@ -218,7 +219,6 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
     """Supports (sides of kernels) whose noise exceeds the least by at most `WORTH` (relative) or one standard error.
-
     losses : residual power in each group of squares, (group,), by support; smallest support first, as in the result
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
@@ -232,7 +232,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
 
 
 def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs: list[int]) -> Float64:
-    """Rise of each band, (output,), if the NIR rises by 1, and other references rise as predicted from the NIR."""
+    """Response (output,): rise of each band if the NIR rises by 1, and other references as predicted from the NIR."""
     coefficients = solve(gram, grams.inputs(support), outputs)
     first = grams.columns(0, support[0])
     out, start = np.zeros(len(outputs)), 0
@@ -244,7 +244,7 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    r"""Responses s of all `bands` bands, (band,), and their covariance V, (band, band), by the jackknife over G groups.
+    r"""Responses s, (band,), of `bands` bands, and their covariance V, (band, band), by the jackknife over G groups.
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 

@@ -122,7 +122,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
 
 def _density_peak(values: Float64, scale: float, step: float) -> float:
-    """Value at which the density of sorted `values` is largest; `mode` explains the `scale` s and the `step`."""
+    """Peak of the density of sorted `values`, given their spread `scale` (s in `mode`) and quantisation `step`."""
     bandwidth = 0.8 ** (1 / 7) * scale * values.size ** (-1 / 7)
     fine = bandwidth / _BINS_PER_BANDWIDTH
     if step > 0:
@@ -140,7 +140,7 @@ def _density_peak(values: Float64, scale: float, step: float) -> float:
 
 
 def _step(ordered: Float64) -> float:
-    """Quantisation step of sorted values, [unit of the values]; 0 for continuous values."""
+    """Quantisation step of sorted values [unit of the values]; 0 for continuous values."""
     distinct = ordered[np.concatenate([[True], np.diff(ordered) > 0])]
     if distinct.size < 2 or distinct.size > ordered.size / 2:
         return 0.0
@@ -162,7 +162,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Mask of the sample without pixels near strong glint, as resampling darkens these; `together`: predicted NIR."""
+    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: predicted NIR."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -172,9 +172,9 @@ class LevelSample:
     """Values of the pixels of a sample from which `shared_level` determines the glint-free level of all bands."""
 
     prediction: FloatArray  # (band, pixel): NIR of each band as its kernel predicts it [unit of the NIR]
-    value: FloatArray  # (band, pixel) [unit of the band]
+    value: FloatArray  # (band, pixel): value before the removal [unit of the band]
     mean: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
-    binomial: FloatArray  # (pixel,): the same after a binomial filter of this size
+    binomial: FloatArray  # (pixel,): the same prediction after a binomial filter of this size
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
@@ -244,7 +244,7 @@ def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float |
 
 
 def _highest(values: FloatArray, share: float) -> float:
-    """Value that a share [%] of values (pixel,) exceeds, but at most a limit, as objects may have a bright NIR.
+    """Value that `share` [%] of the values (pixel,) exceed, but at most a limit, as objects may have a bright NIR.
 
     The limit is twice as far above the median as the value that ten times this share exceeds. For a share of 0.1 % the
     limit is 26 % farther above the median than the value in an exponential tail, and 51 % farther in a normal tail.
@@ -260,13 +260,13 @@ def _normal_tail(together: FloatArray) -> bool:
 
 
 def _units(glint: Float64, slopes: Float64) -> Float64:
-    """`glint` (band,), divided by its mean over the bands with weights `slopes`; all 1 if a glint is not positive."""
+    """Glint (band,) divided by its mean over the bands, weighted by `slopes`; all 1 if a band has no positive glint."""
     mean = float(slopes @ glint / slopes.sum())
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
 def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
-    """Highest possible NIR of the water, from the `visible` bands as `shared_level` says; infinite without any."""
+    """Highest possible NIR of the water, from the `visible` bands (see `shared_level`); infinite if there are none."""
     if visible is None or not visible.any():
         return np.inf
     together = slopes @ sample.prediction
@@ -276,7 +276,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def span_of(together: FloatArray, apart: Mask | None = None) -> float:
-    """(Median - minimum) / (99th percentile - median) of predicted NIR, (pixel,), with the minimum where `apart`."""
+    """(Median - minimum) / (99th percentile - median) of predicted NIR, (pixel,); minimum: of the pixels in `apart`."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together if apart is None or not apart.any() else together[apart]
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))

@@ -1,4 +1,4 @@
-"""Lyzenga, Malinas and Tanis (2006): slope from covariance and variance, glint-free NIR at its mean.
+"""Lyzenga, Malinas and Tanis (2006): slope from covariance and variance; the mean NIR is taken as glint-free NIR.
 
 The method assumes that water and glint vary independently over the sample. It preserves the mean of the sample, so the
 mean glint stays in the image: differences in a band are correct, absolute values are not. It costs one pass.

@@ -87,7 +87,7 @@ def fit(
 def _fitted(
     request: FitRequest, tiles: Sequence[SampleTile], nir: tuple[int, ...], more: tuple[int, ...]
 ) -> GlintModel:
-    """Fit the kernels of each band on the bands `nir` and on the longer ones of `more` (0-based); the levels are 0."""
+    """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
     every = (*nir, *more)
     parts = [
         gather([t.block[r] for r in every], [t.block[b] for b in request.correct], t.sample, size=0) for t in tiles
@@ -112,7 +112,7 @@ def _fitted(
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
-    """Coefficients (input, 1) that minimise the sum, over the squares of a sample, of root mean square residuals."""
+    """Coefficients (input, 1; see `solve`) that minimise the sum over all squares of the root mean square residual."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads

@@ -6,8 +6,8 @@ other band, with the value L_i, a multiple of the excess of g over its glint-fre
     L'_i = L_i - b_i (g - g0)
 
 L'_i is the result. Methods differ only in the index, in the slopes b_i and in the level g0, so that one class can
-represent all of them. Most methods are pointwise. An index with offsets is a kernel over neighbouring pixels: a tile
-then needs `GlintModel.halo` more pixels on every side. The result is the same to the bit for any division into tiles.
+represent all of them. Most methods process each pixel alone. An index with offsets is a kernel over neighbouring
+pixels: a tile then needs `GlintModel.halo` more pixels on every side. The result is the same to the bit for any tiles.
 """
 
 from __future__ import annotations

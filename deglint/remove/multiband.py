@@ -1,4 +1,4 @@
-"""Multiband: regression of every band on all bands of longer wavelength, glint-free level at a low percentile.
+"""Multiband: regression of every band on all longer bands; the level is a low percentile of the prediction.
 
 Several longer bands together predict glint better than the NIR alone. Least squares finds the best combination,
 
@@ -67,7 +67,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: indices of variables."""
+    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: numbers of variables."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

@@ -51,7 +51,7 @@ def fit_reference(
     looks : for each tile the values of the band, and a mask of open water away from shores, both (row, column)
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
-    sparkle : pixels may resolve sparkle, of which few flashes are very bright: the limit is then at least the excess of
+    sparkle : True if pixels may resolve sparkle, with few very bright flashes. The limit is then at least the excess of
         one pixel in a million, extrapolated by a power law through the 99th and the 99.9th percentile of the excess
     """
     looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
@@ -127,7 +127,7 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Sum of quantised values over those pixels around each pixel that are `kept`, and number of pixels in the sum."""
+    """Sum of quantised values over the `kept` pixels in a square around each pixel, and number of pixels in the sum."""
     import cv2
 
     some = grains if kept.all() else grains * kept

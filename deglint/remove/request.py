@@ -67,7 +67,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """The statistics that a regression needs: moments, and values of pixels if it or `keep_index` requires them."""
+    """Statistics that a regression needs: moments, and values of single pixels if it or `keep_index` requires them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index
@@ -131,7 +131,7 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
 
 
 def warnings_of(stats: SampleStatistics, fits: Iterable[BandFit]) -> tuple[str, ...]:
-    """Warnings, as texts: the sample is small or uniform, the index explains little of a band, a slope is uncertain."""
+    """Texts that warn of a small or uniform sample, a band that the index explains badly, or an uncertain slope."""
     warnings = []
     if stats.moments.n < FEW_PIXELS:
         warnings.append(f"small sample: {stats.moments.n} pixels (fewer than {FEW_PIXELS}).")

@@ -1,7 +1,7 @@
 """Statistics of the sample for a fit, gathered tile by tile and merged, and the regression of the bands with them.
 
 The result is the same to the bit for any tiles aligned with the cells (squares of pixels) of `deglint.moments` and any
-number of threads: moments are merged by cell, pixels are selected by position, and position decides between equals.
+number of threads: moments are merged by cell, pixels are selected by position, and the first of equal pixels is taken.
 
 Neighbouring pixels are correlated. If the sample spans enough cells, standard errors are therefore estimated between
 cells (the cluster-robust estimate of Liang and Zeger 1986), else between pixels as if they were independent. A cell
@@ -87,7 +87,7 @@ class SampleStatistics:
 
     @cached_property
     def regressed(self) -> Moments:
-        """Moments, over the whole sample, of the variables for the slopes: minus local means if the plan says so."""
+        """Moments, over the whole sample, of the variables to which slopes are fitted: minus local means if planned."""
         return self.cells.total()
 
     def index_values(self, k: int) -> FloatArray:
@@ -153,12 +153,12 @@ def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatisti
 
 
 def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel in each index, from those of several tiles; the first of equals."""
+    """Darkest (`sign` 1) or brightest (-1) pixel in each index, from those of several tiles; the first if equal."""
     return tuple(min(some, key=lambda e: (sign * e.value, e.place)) for some in zip(*extremes, strict=True))
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index, `variables[bands:]`; the first of equals."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index, `variables[bands:]`; the first if equal."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])

@@ -1,4 +1,4 @@
-"""Strips of a scene with opposite band delays, from detectors that look forward and backward in turn.
+"""Strips of a scene with opposite band delays, from detectors that look forward and backward alternately.
 
 The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
 that waves are displaced in opposite directions in neighbouring strips. There are therefore two kinds of strips, and one
@@ -51,7 +51,7 @@ class Strips:
 
 
 def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; weight of the latter."""
+    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; weight of the one after."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     first = np.minimum(at.astype(np.int64), count - 1)
     return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
@@ -60,8 +60,8 @@ def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one kernel; else None.
 
-    The sample consists of squares. In turn, each square is assigned to the kernel with the smaller residual, and each
-    kernel is fitted to its squares. The first kernels are the kernel fitted to all squares and its mirror image.
+    The sample consists of squares. Two steps alternate: squares are assigned to the kernel with the smaller residual;
+    each kernel is fitted to its squares. The first kernels are the kernel fitted to all squares and its mirror image.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)

@@ -131,13 +131,13 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Row and column of a tile's squares, (square, 2); True, (square,), if the second kernel of `pair` fits better."""
+    """Positions of a tile's squares, (square, 2); mask (square,) of those that the second of `pair` fits better."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Gram matrices of a sample's squares for a set of bands; outliers are used only if no square is left without."""
+    """Gram matrices of a sample's squares for a set of bands; outliers are left out, unless no square would remain."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     for outliers in (False, True):
         parts = []
@@ -152,7 +152,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest)
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split `grams` (one for each set of bands) by kind of strip, [kind][set]; not if one kind has too few squares."""
+    """Split `grams` (one for each set of bands) by kind of strip, [kind][set], unless a kind has too few squares."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
@@ -185,7 +185,7 @@ def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tupl
 
 
 def _serves(band: Band) -> bool:
-    """Whether a band shows no signal of the water: it is in 750 to 2400 nm, and not in a band of water vapour."""
+    """Whether a band shows no signal of the water: its wavelength is 750 to 2400 nm, outside water vapour bands."""
     if not band.wavelength or band.wavelength < 750:
         return False
     narrow = band.width is not None and band.width < 40
@@ -371,7 +371,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
 
 
 def _colours(request: FitRequest) -> list[Float64]:
-    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if all bands are 300..1000 nm."""
+    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if all are in 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance (row, column) of facets in a band (index): of the cover where its label is above 0, else water."""
+        """Radiance (row, column) of facets in a band (index): of the cover where `cover` is above 0, else of water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -242,7 +242,10 @@ class _World:
 
 
 class _Shot:
-    """The scene of one setup while its bands are computed one by one. Radiances are (band, row, column) float32."""
+    """The radiance images of one setup, before noise: working data from which its `SimulatedScene` is made.
+
+    `_add_bands` fills the arrays, (band, row, column) float32, band by band; then `finished` adds noise and artefacts.
+    """
 
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
@@ -253,7 +256,7 @@ class _Shot:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image in band i from the Fourier spectrum of the facets; pixels are moved by `off` [pixel] down and right."""
+        """Image in band i from the Fourier transform of the facets; it is moved by `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -262,10 +265,7 @@ class _Shot:
         return seen[: setup.size[0], : setup.size[1]]
 
     def digitised(self, radiance: Floats) -> Numbers:
-        """Convert radiances (band, row, column) to digital numbers, with noise and artefacts.
-
-        Each band has its own seed of the noise, which is the same for image and truth.
-        """
+        """Convert radiances (band, row, column) to digital numbers with noise and artefacts; each band has a seed."""
         setup, sensor, artefacts = self.setup, self.setup.sensor, self.setup.artefacts
         seeds = np.random.SeedSequence(setup.seed, spawn_key=(2,)).spawn(len(radiance))
         gains = np.random.SeedSequence(setup.seed, spawn_key=(5,)).spawn(len(radiance))
@@ -303,7 +303,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Compute the bands of all `shots` taken at `time` [s] after the first band; yield after each band of each shot."""
+    """Compute the bands that `shots` take at `time` [s] after the first band; yield after each band of each of them."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:

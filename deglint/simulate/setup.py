@@ -22,7 +22,7 @@ from .underwater import Bottom, SubmergedObject
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
-LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes still too steep
+LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes that are too steep
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
 EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges

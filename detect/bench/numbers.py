@@ -64,7 +64,7 @@ def short(value: float) -> str:
 
 
 def over_seeds(values: Sequence[float], unit: str = "", better: Better = "lower", most: float = math.inf) -> Number:
-    """Mean of `values`, one for each seed, and its 95 % interval (Student's t) within 0 to `most`; see `Number`."""
+    """Mean of `values`, one for each seed, and its 95 % interval (Student's t), limited to 0 to `most`."""
     from scipy.stats import t
 
     centre = mean(values)

@@ -46,14 +46,14 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent for the removals `names`; `quick`: one wind, small timed scene. `seeds` None: 5, or 2 if `quick`."""
+        """Extent for removals `names`. If `quick`: one wind, a small timed scene, and `seeds` 2 by default, else 5."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)
 
     @property
     def shown(self) -> Condition:
-        """Condition of the ROC curves and of the timed scene: the wind nearest to 9 m/s, and the longest delay."""
+        """Wind [m/s] and delay [s] of the ROC curves and run times: the wind nearest to 9 m/s, the longest delay."""
         return min(self.winds, key=lambda w: abs(w - 9)), max(self.delays)
 
 
@@ -63,9 +63,9 @@ class Quality:
 
     whole: float  # error of the whole scene
     deep: float  # error of the deep water alone
-    auc: Float64  # area under the ROC curve of global RX on the visible bands, by pixels
-    found: Float64  # fraction of the objects found at `PFA`
-    curve: Float64  # Pd at `GRID`
+    auc: Float64  # (reflectance,): area under the ROC curve of global RX on the visible bands, by pixels
+    found: Float64  # (reflectance,): fraction of the objects found at `PFA`
+    curve: Float64  # (reflectance, rate): Pd at the rates `GRID`
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Results:
 
 
 def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int], None]) -> Results:
-    """Measure all removals on simulated scenes, whose files are in `directory`; call progress(stage, done, total)."""
+    """Measure all removals on simulated scenes, written to `directory`; progress(stage, done, total) is called."""
     results, seas = Results(effort), [(wind, seed) for wind in effort.winds for seed in range(effort.seeds)]
     for step, (wind, seed) in enumerate(seas):
         progress(f"wind {wind:g} m/s", step, len(seas) + 1)
@@ -133,7 +133,7 @@ def measure(effort: Effort, directory: Path, progress: Callable[[str, int, int],
 
 
 def cleaned(scene: TrueScene, results: Results) -> dict[str, Float64]:
-    """The scene after each removal, (band, row, column), by name; reasons of failures are put into `results`."""
+    """The scene after each removal, (band, row, column), by name; reasons of failures go to `results.refused`."""
     out = {}
     for name in results.used:
         try:

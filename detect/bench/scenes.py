@@ -84,7 +84,7 @@ class TrueScene:
 
 
 def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
-    """Simulate one sea at a wind [m/s], `side` x `side` pixels, as several sensors record it; write to `directory`."""
+    """Simulate a sea of `side` x `side` pixels at a wind [m/s] for several sensors; write the files to `directory`."""
     from deglint.raster.simulated import write_scene
 
     setups = [

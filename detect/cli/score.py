@@ -12,7 +12,7 @@ from deglint.cli.running import Console
 
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
-    """Make a click callback that parses "A,B", two numbers of type `kind`; `name`, `example`: for the error message."""
+    """Make a click callback that parses "A,B", two numbers of type `kind`; errors show `name` and `example`."""
 
     def read(text: str) -> tuple[Any, Any]:
         first, second = map(kind, text.split(","))

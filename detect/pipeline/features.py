@@ -70,10 +70,10 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 
 
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
-    """Speed [m/s] and heading [degree clockwise from north] of each object in `found`: `speed_m_s`, `heading`.
+    """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    They are those of the moving boat nearest to the object; None if that is farther away than the fastest boat moves
-    between the bands. `area` is that of a pixel [m2]. Raises InputError if it, or times of three bands, are not known.
+    Both are those of the moving boat nearest to the object, or None if it is farther away than the fastest boat moves
+    between bands. `area` is that of a pixel [m2]. Raises InputError if area, CRS or three different times are unknown.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -99,8 +99,8 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object: score, rates, `kind`; with `move` (see `to_wgs84`) also position, size [m] and bearing.
-
-    `rate` is the expected number of false objects per km2, `real` the probability that it is real; NaN: not known.
+    `rate` is the expected number of false objects per km2, `real` the probability that the object is real; NaN stands
+    for an unknown value. The score is -log10(rate), or `Object.score_max` if `rate` is unknown.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
@@ -124,7 +124,7 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
 def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object], scratch: Scratch) -> list[str]:
     """Write a picture (PNG) of every object in `found` into a folder; return "FOLDER/NAME" of each picture.
 
-    It shows the scene before glint removal (if the sidecar names its file), the scene, and `scores`, an open raster.
+    Each shows the scene before glint removal (if the sidecar names its file), the scene, and `scores`, an open raster.
     """
     import cv2
 

@@ -47,7 +47,7 @@ class Marker:
 
     @property
     def _strata(self) -> int:
-        """Number of kinds of objects that share the false-alarm rate: 2 if some are attached to land, else 1."""
+        """Number of kinds of objects that share the false-alarm rate: 1 (afloat), or 2 (also alongside a quay)."""
         return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
@@ -92,7 +92,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold, with kind and rates; for "sea" by ascending number of false objects per km2."""
+        """Objects above the threshold as `Rated`; for "sea" in ascending order of expected false objects per km2."""
         model, recipe = self.plan.model, self.plan.recipe
         options: dict[str, Any] = {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance,
                                    "pixel_area": self.plan.pixel_area}  # fmt: skip

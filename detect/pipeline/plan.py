@@ -39,7 +39,7 @@ _MANY = 16  # number of bands above which a spectrum alone identifies a target
 _OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
 """For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
-_BLOCKS = 4  # blocks are read until there are this many, with as many pixels of water as half of them have
+_BLOCKS = 4  # minimum number of blocks; more are read until their water would fill half of this number of blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 
 
@@ -108,7 +108,7 @@ class Plan:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene, without fitting. `given` is a saved background, if any."""
+    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` is a saved background, or None."""
     recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
@@ -218,7 +218,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """If an option or the number of bands excludes "sea": the detector to use, and the reason. Otherwise "rx", ""."""
+    """Detector to use, and reason, if an option or the number of `bands` excludes "sea"; otherwise "rx" and ""."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
@@ -301,7 +301,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
-    """Read a tile: bands in use, (band, row, column), classes of pixels (`sea.region`), NIR, (band, row, column)."""
+    """Read a tile. Returns bands in use, (band, row, column), classes (`sea.region`), and NIR, (band, row, column)."""
     values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
     block, nir = np.split(values, [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))

@@ -67,8 +67,8 @@ class Scoring:
 
     plan: Plan
     keep: int = 0  # number of highest scores that a tile returns
-    want_p: bool = False
-    want_flags: bool = False
+    want_p: bool = False  # compute p-values
+    want_flags: bool = False  # compute the flag raster
     lines: LineScorer = field(default_factory=LineScorer)
 
     def __call__(self, tile: Tile) -> Scored:

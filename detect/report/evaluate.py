@@ -56,7 +56,7 @@ class Inputs:
     scores: tuple[Array, ...]  # higher is more anomalous
     objects: Int32  # number of the object of each pixel, 0 for background
     valid: Mask  # valid in every score raster and in the truth, and inside the mask
-    left_out: dict[str, int]  # number of the other pixels by reason; a pixel may count for several reasons
+    left_out: dict[str, int]  # number of pixels that are not valid, by reason; a pixel may have several reasons
     grid: Scene  # the first score raster
     notes: tuple[str, ...]
 
@@ -286,7 +286,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
-    """Object scores, and curve of objects found and false alarms, as plain values; `square_km`: valid area [km2]."""
+    """An `ObjectCurve` as plain values for JSON; `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
     return {
         "curve": {
             "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,

@@ -123,7 +123,7 @@ class Roc:
         return int((counts * (below + upto)).sum()) / 2 / (len(self.targets) * len(self.background))
 
     def partial_auc(self, pfa_max: float) -> float:
-        """Area under the curve from 0 to the rate `pfa_max`; the area of a perfect detector is `pfa_max`."""
+        """Area under the curve from Pfa = 0 to `pfa_max`; the area of a perfect detector is `pfa_max`."""
         _check_pfa(pfa_max)
         pfa, pd = self.vertices
         stop = int(np.searchsorted(pfa, pfa_max, side="right"))
@@ -133,7 +133,7 @@ class Roc:
         return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
 
     def mcclish(self, pfa_max: float) -> float:
-        """Area from 0 to `pfa_max`, scaled to 0.5 for a random and 1 for a perfect detector (McClish 1989, eq. 4)."""
+        """The area `partial_auc`, scaled to 0.5 for a random and to 1 for a perfect detector (McClish 1989, eq. 4)."""
         least = pfa_max * pfa_max / 2
         return (1 + (self.partial_auc(pfa_max) - least) / (pfa_max - least)) / 2
 
@@ -213,7 +213,7 @@ class Roc:
 
 @dataclass(frozen=True)
 class AucInterval:
-    """Area under a ROC curve, and its DeLong interval, which is NaN if there is one target or one background pixel."""
+    """Area under a ROC curve, and its DeLong interval: NaN if there is only one target or only one background pixel."""
 
     auc: float
     standard_error: float
@@ -244,7 +244,7 @@ def auc_interval(roc: Roc) -> AucInterval:
 
 
 def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None) -> Comparison:
-    """DeLong's paired test of two detectors by their scores, where both are valid; `truth`, `valid` as in `Roc.of`."""
+    """DeLong's paired test of two detectors by their scores, where both are valid. The arrays are as in `Roc.of`."""
     ok = usable(first, truth, valid) & usable(second, truth)
     target, background = ok & (truth != 0), ok & (truth == 0)
     rocs = [Roc.of(scores, truth, ok) for scores in (first, second)]

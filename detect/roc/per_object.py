@@ -51,9 +51,9 @@ class ObjectCurve:
 
 def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     """Number of the object to which each pixel belongs, (row, column); 0 for background.
-
-    `truth`, (row, column), has the number of an object, or 0 or NaN for background. If all objects have one number, or
-    `connected` is True, each connected part is an object instead. Raises InputError if a number is not an integer.
+    `truth`, (row, column), is 0 or NaN for background, else the number of an object. If only one number occurs, so that
+    `truth` is a mask of all targets, or if `connected` is True, each connected part becomes an object with a number of
+    its own, from 1. Otherwise, InputError is raised if a number is not an integer.
     """
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:

@@ -1,6 +1,6 @@
 """Detection of ships, boats and swimmers on the sea: search region, detector and false-alarm rates.
 
-`region` classifies the pixels of the sea, with its floating objects. `fit` and `score` compare every pixel with the
+`region` separates water, floating objects and land. `fit` and `score` compare every pixel of the sea with the
 water around it. `Clutter` computes thresholds, and the expected number of false objects per km2. No file is opened.
 """
 

@@ -44,7 +44,7 @@ _REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move b
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
-    """Divisors of scores, one for each class of NIR brightness: the usual score of its water over that of all water.
+    """Divisors of scores, one for each class of NIR brightness: usual score of its water, divided by that of all water.
 
     The usual score is the 75 % quantile. It grows with residual glint, a heavy-tailed noise. After division, the scores
     of water are similar everywhere, and a submerged object is found where the glint above it is weak. Floating objects
@@ -77,7 +77,7 @@ class GlintScale:
         return cls(centre, spread, side, middle, np.minimum(factor, last))
 
     def nearby(self, nir: Array) -> Float32:
-        """Maximum of standardised NIR over bands and 3 x 3 pixels, (row, column), averaged over `side` x `side`."""
+        """Standardised NIR, (row, column): maximum over bands and 3 x 3 pixels, then mean of `side` x `side` pixels."""
         import cv2
 
         centre, spread = self.centre[:, None, None], self.spread[:, None, None]
@@ -216,7 +216,7 @@ class _State:
 def _distance(z: Array, white: Float64, side: str) -> Float32:
     """Mahalanobis distance |white z|, not squared, (row, column), of contrasts z, (band, row, column).
 
-    `white` is a whitening matrix, (rank, band). For the side "bright", it is 0 in pixels darker than the water.
+    `white` is a whitening matrix, (rank, band). For the side "bright", pixels darker than the water get the distance 0.
     """
     flat = white.astype(np.float32) @ z.reshape(len(z), -1)
     d = np.sqrt(np.einsum("ij,ij->j", flat, flat)).reshape(z.shape[1:])

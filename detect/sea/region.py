@@ -106,7 +106,7 @@ def _line(length: float, angle: float) -> Uint8:
 
 
 def hull(length: float, width: float, size: float) -> bool:
-    """Whether a part is hull-like: long, its `size` pixels fill its smallest rectangle, `length` x `width` [pixel]."""
+    """Whether a part is elongated, and its `size` pixels fill most of its rectangle, `length` x `width` [pixel]."""
     return length >= _ELONGATION * width and size >= _FILL * length * width
 
 
@@ -120,7 +120,7 @@ def likeness(length: float, width: float, size: float) -> float:
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle around a mask: length, width [pixel], angle of its length, clockwise from up [degree]."""
+    """Smallest rectangle around a mask: length, width [pixel], angle of the long side, clockwise from up [degree]."""
     import cv2
 
     rows, columns = np.nonzero(footprint)
@@ -187,7 +187,7 @@ def _continued(around: Mask, own: Mask) -> bool:
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:
-    """Mask of parts of `land` with the size and shape of a ship; if two touch, the one with the higher `likeness`.
+    """Mask of parts of `land` that have the size and shape of a ship; of two that touch, the one of higher `likeness`.
 
     For every direction, the function selects land that is not wider than a ship across the direction, and straight
     along it for the minimum length of a ship. This separates ships from their quay and from piers in other directions.

@@ -1,8 +1,8 @@
 """Search an image of the sea for objects; compute thresholds for a false-alarm rate, and false objects per km2.
 
-Clutter, such as waves, has heavy-tailed scores, and the ships are in the tail. Candidates (connected pixels) that are
-larger and brighter than clutter are confirmed and excluded. A generalised Pareto distribution is fitted to the
-others. Small objects cannot be distinguished from clutter. They count as false alarms: rates are not underestimated.
+Clutter, such as waves, has heavy-tailed scores, and the ships are in the tail. Candidates are connected pixels of high
+score. Those larger and brighter than clutter are confirmed objects; a generalised Pareto distribution is fitted to the
+others. Small objects cannot be distinguished from clutter, and count as false alarms: rates are not underestimated.
 """
 
 import math
@@ -47,7 +47,7 @@ class Clutter:
 
     tail: Tail  # highest scores of the sea without the pixels of confirmed objects
     low: float  # score that the pixels of candidates exceed
-    peaks: Float64  # (objects,): `score_top` of unconfirmed candidates, ascending
+    peaks: Float64  # (objects,): `Object.score_top` of unconfirmed candidates, ascending
     area: float  # area of the searched sea [km2]; NaN where the size of a pixel is not known
     confirmed: int  # number of confirmed objects
     confirmed_pixels: int  # number of their pixels
@@ -190,7 +190,7 @@ def score_scene(
     Returns
     -------
     Search
-        Scores and objects; ships alongside a quay, and holes next to land, are not among the objects.
+        Scores and objects; ships alongside a quay, and holes of the mask next to land, are not among the objects.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files that `path` stands for: those of a product, or else one raster, by calling `describe`."""
+    """Describe the files that `path` stands for: those of a product, or else one raster, by the function `describe`."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -77,7 +77,7 @@ def named(found: Sequence[OpenedFiles]) -> str | None:
 
 
 def footprints(found: Sequence[OpenedFiles], grid: RasterInfo) -> RasterSource | None:
-    """Source of detector numbers (see `footprints_on`) of all opened bands, on the grid `grid`; None if incomplete."""
+    """Source of detector numbers (see `footprints_on`) of all bands, on the grid `grid`; None if a band has none."""
     bands = [band for o in found for band in (o.product.bands if o.product else ())]
     paths = [band.footprint for band in bands if band.footprint]
     whole = len(paths) == sum(info.count for o in found for info in o.infos)
@@ -154,7 +154,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """Folder with metadata of `family` for `place`, or None. If `place` is a folder, `folder` lists its files."""
+    """Folder with metadata of `family` for `place`, or None. `folder` lists the files in `place` if it is a folder."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

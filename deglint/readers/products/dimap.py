@@ -24,7 +24,7 @@ _PLEIADES_ORBIT = 694_000.0  # altitude of Pleiades and SPOT 6 and 7 [m]
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or that of the file `container.named`; None without one."""
+    """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
     named = None if (container.named or "").upper().startswith("VOL_") else container.named
     files, found = container.find(METADATA), []
     for member in [named] if named in files else files:
@@ -126,7 +126,7 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
 
 
 def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
-    """Scale, offset, unit, wavelength and width of the band with BAND_ID `band`, if known, as in `ProductBand`."""
+    """Known fields of the `ProductBand` with BAND_ID `band`; `processing` is the radiometric level of the product."""
     kind, unit = "Band_Radiance", PRODUCT_UNIT
     if processing == "REFLECTANCE":
         kind, unit = "Band_Reflectance", "reflectance"

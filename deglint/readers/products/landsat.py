@@ -29,7 +29,7 @@ CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or that of the file `container.named`; None if there is none."""
+    """The product in `container`, or None. If the user named an image in it, the product has only this band."""
     named, images = container.named, container.matches(IMAGES)
     if named is not None:
         images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]

@@ -30,7 +30,7 @@ _NOT_ENHANCED = ("", "OFF", "NONE")
 
 
 def find(container: Container) -> Product | None:
-    """The multispectral product in a folder or archive, or that of the file `container.named`; None without one."""
+    """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
     named = container.named
     stems = {_stem(n) for n in container.find(METADATA)}
     if named is not None:
@@ -89,7 +89,7 @@ def _stem(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL file if it has several tiles, else the single image, or None; `stem` is their path without extension."""
+    """The .TIL file if it lists several tiles, else the only image, or None; `stem`: path of both without extension."""
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

@@ -72,7 +72,7 @@ class Container:
         return [member for member, _ in self.matches(pattern)]
 
     def only(self, found: Sequence[Item], what: str, names: Iterable[str], remedy: str = "Name one.") -> Item:
-        """The only item of `found`; if there are several, raises InputError with `what` (plural), `names`, `remedy`."""
+        """The only item of `found`. Raises InputError for several, with `what` they are, their `names` and `remedy`."""
         if len(found) > 1:
             raise InputError(f"{self.path} holds {len(found)} {what}: {', '.join(islice(names, 4))}. {remedy}")
         return found[0]
@@ -100,7 +100,7 @@ class Container:
     def tree(self, member: str, needs: str = "") -> ET.Element:
         """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        JSON objects and groups become elements. Raises MetadataError if the metadata are damaged or have no `needs`.
+        JSON objects and groups become elements. Raises MetadataError if the file is damaged or has no element `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):

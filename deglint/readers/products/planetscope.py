@@ -24,7 +24,7 @@ product specification; the sensor presets are for later instruments."""
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or that of the file `container.named`; None if there is none."""
+    """The product in `container`, or None. If the user named an image or its metadata in it, that image is used."""
     images = {n: match for n, match in container.matches(IMAGES) if "udm" not in n.lower()}
     named = container.named
     if named in images:
@@ -64,7 +64,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors from file values of `count` bands to reflectance, else radiance, and their unit; [], "" if incomplete."""
+    """Factors from file values of `count` bands to reflectance (else radiance), and its unit; [], "" if missing."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
         known = [s for s in scales if s is not None]

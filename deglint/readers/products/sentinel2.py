@@ -29,7 +29,7 @@ _AS_STORED = (
 
 
 def find(container: Container) -> Product | None:
-    """The product in a folder or archive, or that of the file or folder `container.named`; None if there is none."""
+    """The product in `container`, or None. If the user named an image or folder in it, only its bands are returned."""
     metadata = container.find(METADATA)
     images = _images(container)
     if container.named and last(container.named) in map(last, metadata):
@@ -63,7 +63,7 @@ def find(container: Container) -> Product | None:
 
 
 def _images(container: Container) -> dict[str, re.Match[str]]:
-    """Image files of bands, with matches by `IMAGES`; only those in the image or folder that the user named, if any."""
+    """Image files of bands, with their matches of `IMAGES`; if the user named an image or folder, only those in it."""
     masks, named = set(container.find(_MASK)), container.named
     found = {n: m for n, m in container.matches(IMAGES) if "QI_DATA" not in PurePosixPath(n).parts and n not in masks}
     if named is None or re.fullmatch(METADATA, last(named), re.IGNORECASE):
@@ -94,7 +94,7 @@ def _chosen(images: dict[str, re.Match[str]], *, single: bool) -> tuple[dict[str
 
 
 def _bands(container: Container, root: ET.Element | None, files: dict[str, str]) -> list[ProductBand]:
-    """Bands with properties from the metadata `root`, or if it is None, with names and the preset's wavelengths."""
+    """Describe the bands in `files` (file by band) from the metadata `root`; if it is None, from the sensor preset."""
     known, values = root is not None, ET.Element("none") if root is None else root
     levels = (f".//{level}QUANTIFICATION_VALUE" for level in ("", "BOA_", "L2A_BOA_"))
     quantum = positive(said(values, *levels)) or _QUANTUM
