@@ -49,6 +49,7 @@ def batch(deglint, place, *arguments, code=0):
     return {row["name"]: row for row in json.loads(ran.out)}, ran.err
 
 
+@pytest.mark.slow
 def test_all_scenes_are_done_as_one_by_one_and_then_never_again(deglint, place, read):
     rows, said = batch(deglint, place, "--jobs", "2", "--table", place / "t.csv")
     assert [r["status"] for r in rows.values()] == ["done"] * 3
@@ -95,6 +96,7 @@ def test_a_scene_without_water_is_an_answer_and_no_failure(deglint, place, write
     assert made(place) == {}
 
 
+@pytest.mark.slow
 def test_what_was_made_otherwise_is_left_alone_unless_told(deglint, place, sea, write):
     batch(deglint, place)
     before = made(place)
@@ -146,6 +148,7 @@ def test_a_dry_run_does_nothing(deglint, place):
     assert not (place / "out").exists()
 
 
+@pytest.mark.slow
 def test_extras_go_where_their_names_say(deglint, place):
     extras = '["flags", "amount", "picture", "sample", "model"]'
     (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras=extras))
@@ -239,6 +242,7 @@ SLOW = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["kill", "kill -9"])
 def test_a_batch_that_is_stopped_goes_on_where_it_was(deglint, place, how):
     """Half of b is written when the batch ends; its workers end too, and nothing half is left that counts."""

@@ -202,6 +202,7 @@ def test_scenes_have_errors_where_pixels_count(tmp_path, monkeypatch):
     assert uncertainty.ratio(known, np.full((2, 4, 4), 3.0), claimed, [0]) == "0.50 (25.0 %)"
 
 
+@pytest.mark.slow
 def test_scenes_drawn_at_random_are_the_same_every_time_and_say_what_they_are():
     setups = [varied.drawn(n) for n in range(varied.COUNT)]
     assert setups == [varied.drawn(n) for n in range(varied.COUNT)]

@@ -88,6 +88,7 @@ def test_workers_give_what_threads_give(cluster, scene, tmp_path, name):
     assert said(tmp_path / "threads") == said(tmp_path / "workers")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["fit", "correct"])
 def test_a_worker_killed_in_mid_run_changes_nothing(cluster, scene, tmp_path, stage):
     recipe = RECIPES["over everything"]
@@ -238,6 +239,7 @@ def elsewhere(tmp_path):
             process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["fit", "correct"])
 def test_a_scheduler_that_is_lost_is_one_line(elsewhere, scene, tmp_path, stage):
     address, scheduler = elsewhere

@@ -66,6 +66,18 @@ def test_a_truncated_file(refused, sea, write, tmp_path, layout, part):
     assert "truncated or damaged" in said or "is not a raster GDAL can read" in said
 
 
+def test_a_virtual_raster_whose_file_is_missing(refused, tmp_path):
+    path = tmp_path / "in.vrt"
+    path.write_text(
+        f"""<VRTDataset rasterXSize="150" rasterYSize="200"><VRTRasterBand dataType="UInt16" band="1"><SimpleSource>
+        <SourceFilename>{tmp_path}/gone.tif</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>
+        </VRTDataset>"""
+    )
+    said = refused(path, *RUN, "--bands", "nir", "--mask", "none", "--sample", "all")
+    assert "gone.tif" in said and "is missing" in said
+    assert "damaged" not in said
+
+
 def test_a_truncated_envi_file(refused, sea, write, tmp_path):
     path = Path(write(tmp_path / "in.img", sea(200, 150), driver="ENVI"))
     path.write_bytes(path.read_bytes()[:-100])

@@ -70,6 +70,7 @@ def test_scores_are_logged(rxdetect, sea, write, tmp_path):
     assert "8000 of 8000 pixels scored" in lines[-1]
 
 
+@pytest.mark.slow
 def test_a_batch_passes_on_what_its_workers_log(deglint, sea, write, tmp_path):
     order = tmp_path / "order.toml"
     order.write_text(f'[recipe]\nmethod = "hedley"\n[output]\ndirectory = "{tmp_path}/clean"\n')

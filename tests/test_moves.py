@@ -104,6 +104,7 @@ INTERRUPTED = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("at", "how"), [(1, signal.SIGINT), (-1, signal.SIGINT), (3, signal.SIGTERM), (-4, signal.SIGTERM)]
 )

@@ -103,6 +103,7 @@ def test_without_glint_nothing_is_changed_whatever_lies_in_the_water(made, senso
     assert fitted.choice.best.method == "copy"
 
 
+@pytest.mark.slow
 def test_a_half_without_glint(made):
     found, _fitted = ratios(*made(5.0, 0.0, glint="half"), slice(SIDE // 2))
     assert np.sqrt(np.mean(found**2)) <= WORSE

@@ -187,6 +187,7 @@ def test_a_sweep(deglint, tmp_path):
     assert "It rises at" in night.err
 
 
+@pytest.mark.slow
 def test_an_uncertain_wind_and_a_flight_line(deglint, tmp_path):
     ran = deglint("plan", *PLACE, *WIND, "--wind-within", "2@30", "--step", "5", "-o", tmp_path / "a.png", "--json")
     found = json.loads(ran.out)

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 CODE = """
 import os, signal, sys
 for name in ("fcntl", "resource", "termios", "grp", "pwd"):
@@ -26,6 +28,7 @@ sys.exit(code or run(["score", sys.argv[2], sys.argv[2] + ".scores.tif", "--meth
 """
 
 
+@pytest.mark.slow
 def test_both_programs_run_without_what_only_posix_has(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea(1030, 400))
     call = [sys.executable, "-c", CODE, source, str(tmp_path / "out.tif")]

@@ -51,6 +51,7 @@ def test_area_and_its_variance_are_those_of_all_pairs(case):
     assert found.standard_error == pytest.approx(float(variance) ** 0.5, abs=1e-12)
 
 
+@pytest.mark.slow
 @given(CASES, st.sampled_from([0.01, 0.1, 0.37, 0.5, 0.999]))
 def test_figures_agree_with_sklearn(case, pfa):
     scores, truth = of(*case)

@@ -165,6 +165,7 @@ def hits(setup, cone):
     return np.tensordot(sun, seen, 1) > np.cos(np.radians(cone))
 
 
+@pytest.mark.slow
 def test_facets_that_hit_the_sun_are_as_many_as_the_avoidance_tool_says():
     cone = 2.0
     setup = Setup(
@@ -324,6 +325,7 @@ def test_progress_counts_the_bands():
     assert seen == [(i, 8) for i in range(1, 9)]
 
 
+@pytest.mark.slow
 def test_experiments_are_all_combinations_with_names_of_their_own():
     setups = dict(experiments(Setup()))
     assert len(setups) == 4 * 3 * 5 * 2

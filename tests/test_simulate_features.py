@@ -252,6 +252,7 @@ def test_features_by_command_are_written_with_their_truth(tmp_path):
         assert "mirrored sky, without sun glint" in high.tags()["MEANING"]
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     from deglint.cli import run
 

@@ -22,6 +22,7 @@ SENSORS = (
 ARRAYS = ("image", "truth", "truth_image", "glint", "glint_mask", "objects", "height", "slopes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objects", [(), thesis_array(SEA.size, 0.25, sides=[4])])
 def test_together_is_one_by_one(objects):
     setups = [replace(SEA, sensor=s, objects=objects) for s in SENSORS]

@@ -64,6 +64,7 @@ def test_a_stack_says_its_bands_where_nothing_is_corrected_too(deglint, write, s
     assert said_of(out)[:2] == (("blue", "green", "red", "nir"), ["475", "560", "668", "842"])
 
 
+@pytest.mark.slow
 def test_a_batch_of_stacks_names_them(deglint, files, tmp_path):
     (tmp_path / "r.toml").write_text(
         '[recipe]\nmethod = "hedley"\nsample = "all"\nmask = "none"\n[input]\nbands = "blue,green,red,nir"\n'

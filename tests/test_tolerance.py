@@ -107,6 +107,7 @@ def test_single_pixels_are_kept_of_every_batch_alike(monkeypatch, scene):
     assert kept[-1] == pytest.approx(960**2 / 16, rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_automatic_sample_is_looked_for_in_more_of_the_scene(sea, write, tmp_path):
     raw = sea(900, 900).astype(np.float32)
     path = write(tmp_path / "in.tif", raw)
@@ -150,6 +151,7 @@ def statistics(seed, factor=1.0):
     return request, block
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000))
 def test_error_of_one_reference_is_that_of_its_slope(seed):
     request, block = statistics(seed)

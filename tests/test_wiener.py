@@ -365,6 +365,7 @@ def test_swir_serves_as_second_reference_and_water_vapour_does_not():
     assert ReferenceRule(5, 1.0, 1.0, 0.0, 1.0, edge=2).halo == 27
 
 
+@pytest.mark.slow
 def test_threads_and_windows_give_the_same_bits(write, read, tmp_path):
     block = np.rint(swell_block((300, 420), seed=9)).clip(1).astype(np.uint16)
     names = ("blue", "green", "red", "nir")

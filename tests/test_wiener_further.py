@@ -59,6 +59,7 @@ def test_further_references_lessen_what_is_left_and_are_saved():
     np.testing.assert_array_equal(remove.apply(block, again), remove.apply(block, model))
 
 
+@pytest.mark.slow
 def test_a_plume_survives_a_fit_with_it():
     block, _ = sparkle_over_bottom()
     row, column = np.mgrid[:192, :192]

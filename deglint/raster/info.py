@@ -150,8 +150,10 @@ def _what_instead(path: str) -> str:
     return next(said.format(path=path) for pattern, said in _FILE_KINDS if re.match(pattern, head, re.IGNORECASE))
 
 
-def remedy(path: str) -> str:
-    """Sentences for an error message: a possible cause why the file `path` cannot be read, and a remedy."""
+def remedy(path: str, said: str = "") -> str:
+    """Sentences for an error message: why the file `path` cannot be read (`said`: message of GDAL), and a remedy."""
+    if "No such file" in said:
+        return "The file, or a file that it names, is missing: put it there."
     if REMOTE_NAME.match(path):
         return (
             "The server cannot be reached or is too slow, or the file is damaged: try again, or wait longer for it "

@@ -146,7 +146,8 @@ class RasterSource:
                 return self._stacked(datasets, window, bands)
         except gdal_errors() as error:
             where = f"rows {top}-{bottom}, columns {left}-{right} of {', '.join(self.info.paths)}"
-            raise ReadError(f"cannot read {where}: {one_line(error)}. {remedy(self.info.paths[0])}") from error
+            said = one_line(error)
+            raise ReadError(f"cannot read {where}: {said}. {remedy(self.info.paths[0], said)}") from error
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         """Read file values (band, row, column), and their mask from masks, alpha and nodata; None if all are valid."""

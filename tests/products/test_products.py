@@ -288,6 +288,7 @@ def test_info_and_score_open_products(deglint, make, sea, tmp_path, capfd):
         assert dataset.shape == (80, 100)
 
 
+@pytest.mark.slow
 def test_batch_and_stac_lists_take_products(deglint, make, sea, tmp_path):
     from deglint.readers.scenes import list_scenes
 
