@@ -130,7 +130,7 @@ class Posterior:
         return self.side // 2
 
     def apply(self, state: State) -> State:
-        """Replace the image by the posterior mean if `resolved`, and set `State.variance` if `State.errors` is True."""
+        """Set the image to the posterior mean if waves are `resolved`; set `State.variance` if `State.errors`."""
         taken, image = _taken(state), state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = np.zeros(state.water.shape, np.bool_)

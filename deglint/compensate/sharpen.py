@@ -102,7 +102,7 @@ class SharpenImage(Sharpen):
 def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
     """Make a stage of class `kind` with the PSFs in `setting`; `number` is the number of iterations, 2 by default.
 
-    The lower limits of the values come from the sample. Raises InputError if the PSFs are not known.
+    Lower limits of the sharpened values come from `sample`. Raises InputError if the PSFs are not known.
     """
     if setting.psfs is None:
         raise InputError(

@@ -48,7 +48,7 @@ class ReplacedError:
 
 
 def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
-    """Measure the error of backgrounds in a sample, by a trial: displaced glint is added to known water.
+    """Measure the error of pixels that a background replaced, by a trial: shifted glint is added to clean water.
 
     Parameters
     ----------

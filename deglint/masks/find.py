@@ -125,7 +125,7 @@ def _fit(
 
     light : colour of white, as from `_View.white`
     pixel : side of a pixel [m], or None if not known
-    strict : pixels of unknown colour vote against water, so that dark land of this colour is not joined to the water
+    strict : pixels whose colour is not known count as not water, so that dark land is not joined to the water
     """
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     most = 0.0

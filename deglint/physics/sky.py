@@ -184,9 +184,9 @@ def _clear_total(sun_zenith: Array) -> Array:
 
 @cache
 def _clear_fit() -> Array:
-    """Chebyshev coefficients (15,) of the polynomial that `_clear_total` evaluates.
+    """Chebyshev coefficients (15,) of the clear sky's irradiance by the sun's zenith angle, for `_clear_total`.
 
-    The integrals use Gauss-Legendre quadrature over the cosine of the zenith angle, the trapezoidal rule over azimuth.
+    Radiance is integrated by Gauss-Legendre quadrature over the cosine of zenith, the trapezoidal rule over azimuth.
     """
     x = chebyshev.chebpts1(15)
     nodes, weights = np.polynomial.legendre.leggauss(64)

@@ -278,7 +278,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
-    """Slopes (band, index), each from `slope_of`(index values, band values) of at most `most` pixels, evenly spread."""
+    """Slopes (band, glint index), each `slope_of(values of index, values of band)` of at most `most` spread pixels."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

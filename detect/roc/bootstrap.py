@@ -99,7 +99,7 @@ def default_grid(background: int) -> Float64:
 def _levels(roc: Roc) -> Array:
     """Ascending scores, (levels,), between which scores are counted: distinct target scores, and background scores.
 
-    Background scores have log-spaced and equally spaced ranks. After each score, the next larger float is also a level.
+    Those with log-spaced or evenly spaced ranks are taken. After each score, the next larger float is also a level.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:
