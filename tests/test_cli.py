@@ -93,7 +93,7 @@ def test_info_tells_people_the_same(deglint, sea, write, tmp_path):
     assert ran.code == 0
     assert ran.err == ""
     assert "100 x 80 pixels, 4 bands, uint16" in ran.out
-    assert "suggested method" in ran.out
+    assert "suggested recipe" in ran.out
 
 
 def test_failing_is_1_with_one_line(deglint, tmp_path):

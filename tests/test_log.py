@@ -25,7 +25,7 @@ def test_decisions_are_logged_before_the_work(sea, write, tmp_path, caplog):
                   "compensation: ", "sample: ", "method: hedley; bands to correct: blue, green, red"):  # fmt: skip
         assert any(line.startswith(begin) for line in at_work), begin
     after = caplog.messages[len(at_work) :]
-    assert after[0] == "bands corrected: blue, green, red; copied: nir"
+    assert after[0] == "bands changed: blue, green, red; copied: nir"
     assert "pixels corrected" in after[-1]
     assert all(record.name.partition(".")[0] == "deglint" for record in caplog.records)
 

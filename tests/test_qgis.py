@@ -65,7 +65,7 @@ def test_a_command_runs_and_says_what_it_does(sea, write, tmp_path):
     assert commands.run(call, said.append, shares.append, lambda: False) == (0, "")
     assert "pixels corrected" in said[-1]
     call = [sys.executable, "-m", "deglint", *commands.arguments("info", {"INPUT": source})]
-    assert "suggested method" in commands.run(call, said.append, shares.append, lambda: False)[1]
+    assert "suggested recipe" in commands.run(call, said.append, shares.append, lambda: False)[1]
     sleep = [sys.executable, "-c", "import time; time.sleep(60)"]
     assert commands.run(sleep, said.append, shares.append, lambda: True)[0] == 130
 

@@ -69,6 +69,6 @@ def lines(found: dict[str, Any]) -> list[str]:
             out.append(f"{text:<18}{found[key]:.1%}")
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (median glint of the sample, unit of the NIR)")
-    out.append(f"{'suggested method':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
+    out.append(f"{'suggested recipe':<18}{found['suggested_method'] or 'none'}: {found['reason']}")
     said = {*found["opened"], *found["tried"], found["reason"]}
     return [*out, "", *(note for note in found["notes"] if note not in said), *found["tried"]]

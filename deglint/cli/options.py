@@ -127,7 +127,7 @@ creation = click.option(
     help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
 )  # fmt: skip
 print_sidecar = with_options(
-    heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print the sidecar on stdout.")
+    heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print OUT.json on stdout, too.")
 )
 read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 reading = with_options(
@@ -136,7 +136,7 @@ reading = with_options(
                  help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
                       "planetscope, micasense, landsat8, ...), or a file of a sensor of your own."),
     click.option("--bands", "band_names", metavar="NAME,NAME,...", help="Names of all bands in the file's "
-                 "order, such as 'blue,green,red,nir', where the file does not say them. (-b chooses bands.)"),
+                 "order, such as 'blue,green,red,nir', where the file does not say them."),
     click.option("--wavelengths", metavar="NM,NM,...",
                  help="Central wavelengths of the bands [nm], such as 475,560,668,842."),
     click.option("--scale", metavar="N[,N...]", help="Physical value = number in the file times scale plus "

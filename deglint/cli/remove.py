@@ -31,7 +31,7 @@ remove_options = options.with_options(
     click.option("--compensate", type=FileName("auto", "thesis", "off"), default="auto",
                  metavar="auto|thesis|off|STAGES",
                  help="Stages around the removal, for glint that the NIR does not predict: those of the best candidate "
-                      "(auto), the chain of the thesis, nothing (off), or stages such as 'psf:2, identify-level:13, "
+                      "(auto), the chain of Fink's thesis, nothing (off), or stages such as 'psf:2, identify-level:13, "
                       "replace-level, remove'."),
     click.option("--smallest-object", default="", metavar="WIDTH",
                  show_default="4m, or 16px where the size of a pixel is not known",
@@ -47,10 +47,9 @@ remove_options = options.with_options(
     click.option("--regression", type=AutoOr("REGRESSIONS"), default="auto",
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
     click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
-                 help="Relative standard error of the slopes, such as 0.01, at which enough of the sample is read: "
-                      "squares spread over it are read until every band that is corrected is known so well, or all is "
-                      "read. Without it, the whole sample that was named, or the usual 0.3 million pixels where it is "
-                      "found."),
+                 help="Stop reading the sample when the relative standard error of every slope is at most this, such "
+                      "as 0.01. By default a sample that is named is read as a whole, another up to about 0.3 million "
+                      "pixels."),
     click.option("--floor-percentile", type=click.FloatRange(0, 100), default=0.0, metavar="PERCENT",
                  help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published."),
     click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto",

@@ -190,7 +190,7 @@ def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
     """Log which bands and pixels were changed; `said` is the content of the sidecar."""
     pixels = said["pixels"]
     copied = [n for n in scene.names if n not in pixels["changed"]]
-    kinds = {"corrected": pixels["changed"], "copied": copied}
+    kinds = {"changed": pixels["changed"], "copied": copied}
     log.info("bands %s", "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some))
     for warning in said["warnings"][len(fitted.model.warnings) :]:  # the model's were logged when it was fitted
         log.warning("%s", warning)
