@@ -22,7 +22,7 @@ class Reporter:
         return duration((now - self._begun) / (done - self._first) * (total - done))
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report that `done` of `total` tiles of a stage are finished."""
+        """Note that `done` of `total` tiles of a stage are finished; log the time left at most every `LOG_EVERY` s."""
         left = self.left(stage, done, total)
         if left and done < total and time.monotonic() - self._said >= LOG_EVERY:
             self._said = time.monotonic()

@@ -187,7 +187,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on an array of one entry along a `dimension` such as time; an entry without water is copied."""
+    """Call `work` on an array with one entry along a `dimension`; after NoWaterError, log it and return the array."""
     try:
         return work(array)
     except NoWaterError as error:

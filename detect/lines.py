@@ -48,7 +48,7 @@ class LineScorer:
         self._mean, self._second = np.zeros(0), np.zeros((0, 0))
 
     def score(self, line: npt.ArrayLike) -> Float32:
-        """Score a line: squared Mahalanobis distance of every pixel from the lines before. Then update the averages.
+        """Score a line: squared Mahalanobis distance from the lines before. Then average it in, without high scores.
 
         Parameters
         ----------

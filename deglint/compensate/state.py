@@ -153,7 +153,7 @@ ROUNDED = 0.999  # share of the saturation value from which pixels count as satu
 
 def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
-    The saturation value is the declared one, or the highest value of the sample, if this is lower and in many pixels.
+    The saturation value is the declared one, else infinity; or the highest of the water, if lower and in many pixels.
     """
     found = setting.saturation.copy()
     for b in range(len(found)):

@@ -142,7 +142,7 @@ class WindEnsemble:
         return {name: (float(pair[0, i, j]), float(pair[1, i, j])) for name, pair in pairs.items()}
 
     def words(self) -> list[str]:
-        """Lines of text on the best viewing geometry, and the intervals of contrast and glint probability there."""
+        """Lines of text: best viewing geometry; range of contrast and of glint probability there over all winds."""
         geometry = self.best
         if geometry is None:
             return ["No viewing geometry is good under all of these winds."]

@@ -178,7 +178,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path) -> None:
-    """Raise WriteError if one of four blocks per band is incomplete; GDAL reports no errors when it closes a file."""
+    """Raise WriteError for `target` if one of 4 blocks per band of its scratch file `path` is missing or cut off."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]

@@ -1,4 +1,4 @@
-"""Compiled loop over the facets of the sea surface in `deglint.simulate`."""
+"""Compiled loop over facets for `deglint.simulate`: density of slopes at the glinting slope, and reflected sky."""
 
 import math
 

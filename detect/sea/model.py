@@ -207,7 +207,7 @@ class _State:
         return out
 
     def narrow(self, model: SeaModel) -> None:
-        """Exclude pixels with a large distance, and two pixels around each, from the statistics: update `used`."""
+        """Recompute `used`: all water but pixels with a large Mahalanobis distance, and two pixels around each."""
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         self.used = self.water & ~grown(far, 5)
