@@ -380,7 +380,7 @@ def test_the_chain_of_the_readme_finds_what_it_promises(deglint, rxdetect, tmp_p
     assert 0.5 < (scores[far] > threshold).mean() / 1e-4 < 2
     each = [f["properties"] for f in json.loads(marked.read_text())["features"]]
     alarms = sum(bool(far[round(o["row"]), round(o["column"])]) for o in each)
-    promised = re.search(r"finds (\d+) of its (\d+) .* with (\d+) false", (SAMPLE.parent / "README.md").read_text())
+    promised = re.search(r"finds (\d+) of (\d+) .* with (\d+) false", (SAMPLE.parent / "README.md").read_text())
     assert (found[1], objects.max(), alarms) == tuple(map(int, promised.groups()))
     assert found[1] >= found[0]
 
