@@ -202,8 +202,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     allowed = math.floor(pfa * tail.n * (1 + 1e-12))
     if allowed < 1:
         raise InputError(
-            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1 / tail.n:.2g} or more, "
-            "or fit the tail (gpd), which reaches further."
+            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1 / tail.n:.2g} or more, or more pixels, "
+            "to which a tail (gpd) can be fitted."
         )
     if allowed >= len(tail.values):
         raise InputError(

@@ -104,7 +104,7 @@ def test_refusals_are_one_clear_line(text, words):
 @pytest.mark.parametrize(
     ("text", "block", "error", "words"),
     [
-        ("psf:2, identify-level", sparkling_block(), InputError, "psf needs the sensor's optics.*Name a --sensor"),
+        ("psf:2, identify-level", sparkling_block(), InputError, "psf needs the wavelengths.*give --wavelengths"),
         ("normalise", sparkling_block((7, 9)), FitError, "63 pixels, need at least 64"),
         (
             "normalise",

@@ -12,7 +12,7 @@ from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
 from deglint.physics.spectra import dispersion
-from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array
+from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array, whitecaps
 from deglint.simulate.artefacts import KERNELS
 from deglint.simulate.facets import Facets
 from deglint.simulate.scene import Light
@@ -467,7 +467,9 @@ def test_a_grid_of_experiments_makes_its_directory(tmp_path):
     from deglint.cli import run
 
     out = tmp_path / "experiments"
-    command = ["simulate", "--grid", "--size", "32", "--wind", "5", "--delay", "0", "--objects", "none", "-q", str(out)]
-    assert run(command) == 0
-    assert len(list(out.glob("*.json"))) == 10  # five looks, two f-numbers
+    command = ["simulate", "--grid", "--size", "32", "--delay", "0", "--objects", "none", "--foam", "auto", "-q"]
+    assert run([*command, "--wind", "5", "--wind", "12", str(out)]) == 0
+    setups = [json.loads(path.read_text())["setup"] for path in out.glob("*.json")]
+    assert len(setups) == 20  # two winds, five looks, two f-numbers
+    assert {s["wind"]: s["foam"] for s in setups} == {wind: whitecaps(wind) for wind in (5.0, 12.0)}
     assert run(["simulate", "--grid", "--size", "32", "-q", str(tmp_path / "no" / "where")]) == 1

@@ -14,7 +14,7 @@ from .running import Console
 @click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="IN [IN ...]")
 @heading("What to do")
 @click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
-              help="Deep, glinted water to judge by.")  # fmt: skip
+              help="Water to judge by; auto: all open water.")  # fmt: skip
 @reading
 @heading("Processing")
 @threads

@@ -30,9 +30,9 @@ remove_options = options.with_options(
                       "column,row,width,height in pixels."),
     click.option("--compensate", type=FileName("auto", "thesis", "off"), default="auto",
                  metavar="auto|thesis|off|STAGES",
-                 help="Stages around the removal, for glint that the NIR does not predict: those of the best candidate "
-                      "(auto), the chain of Fink's thesis, nothing (off), or stages such as 'psf:2, identify-level:13, "
-                      "replace-level, remove'."),
+                 help="Stages around the removal, for glint that the NIR does not predict; auto: those of the best "
+                      "candidate, none with a named --method. thesis: the chain of Fink's thesis. Or stages such as "
+                      "'psf:2, identify-level:13, replace-level, remove'."),
     click.option("--smallest-object", default="", metavar="WIDTH",
                  show_default="4m, or 16px where the size of a pixel is not known",
                  help="Width of the smallest target that compensation must keep, such as 4m or 16px."),
@@ -48,10 +48,10 @@ remove_options = options.with_options(
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
     click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
                  help="Stop reading the sample when the relative standard error of every slope is at most this, such "
-                      "as 0.01. By default a sample that is named is read as a whole, another up to about 0.3 million "
-                      "pixels."),
+                      "as 0.01. By default a named sample is read as a whole (wiener and stages: about 0.3 million "
+                      "pixels of a large one), an automatic one up to about 0.3 million pixels."),
     click.option("--floor-percentile", type=click.FloatRange(0, 100), default=0.0, metavar="PERCENT",
-                 help="Level of the NIR for hedley: this percentile of the sample; 0 is its minimum, as published."),
+                 help="For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum."),
     click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto",
                  help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time."),
     click.option("--rrs-factor", type=float, default=3.141592653589793, metavar="FACTOR",

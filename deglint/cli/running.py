@@ -105,7 +105,7 @@ def _explained(error: BaseException) -> tuple[int, str]:
     if isinstance(error, DeglintError):
         return (3 if isinstance(error, NoWaterError) else 1), f"Error: {line}"
     if isinstance(error, MemoryError):
-        return 1, "Error: out of memory. Use fewer --threads, or a machine with more."
+        return 1, "Error: out of memory. Use fewer --threads, a smaller input, or a machine with more."
     if isinstance(error, OSError) and error.strerror:
         return 1, f"Error: {error.strerror}" + (f": {error.filename}" if error.filename else "") + "."
     return 1, f"Error: {type(error).__name__}: {line} (a fault of deglint's own; add -vv at the end to see where)"

@@ -3,7 +3,7 @@
 import json
 import logging
 import os
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -189,7 +189,8 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
             raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
         return [(out, base)]
     grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
-    return [(out / name, setup) for name, setup in grid]
+    foam = whitecaps if given["foam"] is None else lambda _wind: base.foam
+    return [(out / name, replace(setup, foam=foam(setup.wind))) for name, setup in grid]
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:

@@ -106,7 +106,7 @@ def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | N
     """
     if setting.psfs is None:
         raise InputError(
-            f"{kind.name} needs the sensor's optics, which are not known. Name a --sensor, or leave it out."
+            f"{kind.name} needs the wavelengths of all bands, 300 to 2500 nm: give --wavelengths, or leave it out."
         )
     middles = [np.median(sample.values([s.image[b] for s in sample.states])) for b in range(len(setting.bands))]
     floors = tuple(max(FLOOR * float(m), 1e-12) for m in middles)

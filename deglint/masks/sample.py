@@ -27,7 +27,7 @@ MANY = 50_000  # most squares used for the limits; they overlap, so more squares
 SHORE = 9
 """A pixel must lie in a square of water of this side, so that shores, ships and mixed pixels are excluded [pixel]."""
 CLEANING = 7  # window of the morphological opening that makes the sample compact [pixel]
-REMEDY = "Pass --sample with a piece of deep water, or widen --mask."
+REMEDY = "Pass --sample, or --mask FILE, with a piece of deep water."
 
 
 @dataclass(frozen=True, slots=True)

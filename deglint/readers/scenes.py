@@ -119,7 +119,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     if missing := [k for k in keys if k not in assets]:
         raise InputError(
             f"{what} has no asset {', '.join(missing)}; it has {', '.join(map(str, list(assets)[:30]))}. Name those "
-            "that are the bands, in a recipe as [input] assets."
+            "that are the bands: FILE#ID#KEY,KEY, or in a recipe [input] assets."
         )
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
@@ -161,7 +161,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
         return keys
     raise InputError(
         f"{what} has {len(keys)} rasters: {', '.join(map(str, keys[:30]))}. Name those that are the bands, in their "
-        "order, in the recipe: [input] assets."
+        "order: FILE#ID#KEY,KEY, or in a recipe [input] assets."
     )
 
 

@@ -61,9 +61,9 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
     """0-based bands whose time offset is known, and these times [s]. Raises InputError if fewer than three differ."""
     known = [(i, b.time_offset) for i, b in enumerate(scene.bands) if b.time_offset is not None]
-    if len({t for _, t in known}) < 3:
+    if (count := len({t for _, t in known})) < 3:
         raise InputError(
-            f"--moving needs three bands with known, different times, and {scene.path} has {len(known)}. "
+            f"--moving needs three bands with known, different times, and {scene.path} has {count}. "
             "Name the sensor with --sensor, or set time_offset_s in the bands' tags."
         )
     return [i for i, _ in known], [t for _, t in known]

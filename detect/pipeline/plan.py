@@ -160,7 +160,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
                 raise
             why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
-        raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --mask FILE.")
+        raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --method sea.")
     return *_masked(scene, replace(recipe, method=method), threads), [f"auto: {method}, since {why}"]
 
 

@@ -10,7 +10,9 @@ import rasterio
 from rasterio.transform import from_origin
 
 from deglint.errors import InputError
+from deglint.scene import Band, Scene
 from detect.moving import find_moving
+from detect.pipeline.features import delayed_bands
 
 DELAYS = np.array([0.0, 0.13, 0.27, 0.4])
 SWELL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real" / "swell"
@@ -114,3 +116,9 @@ def test_objects_of_a_scene_get_speed_and_heading(tmp_path, write, rxdetect):
     still = write(tmp_path / "still.tif", image.astype(np.float32), **place)
     ran = rxdetect("score", still, tmp_path / "out2.tif", *options, "--overwrite")
     assert (ran.code, "known, different times" in ran.err) == (1, True)
+
+
+def test_times_that_are_equal_do_not_count_twice():
+    scene = Scene(tuple(Band(str(n), time_offset=time) for n, time in enumerate((0.0, 0.0, 0.1, 0.1))), 9, 9, None)
+    with pytest.raises(InputError, match=r"different times, and .* has 2"):
+        delayed_bands(scene)
