@@ -258,6 +258,7 @@ def test_a_scheduler_that_is_lost_is_one_line(elsewhere, scene, tmp_path, stage)
     assert (tmp_path / "out" / "out.tif").read_bytes() == b"old"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost_by", ["the future", "the client"])
 def test_a_scheduler_that_is_lost_while_it_is_asked_is_one_line(lost_by):
     from distributed.client import FutureCancelledError

@@ -220,6 +220,7 @@ LIMITED = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [100, 50_000, 1_000_000])
 @pytest.mark.parametrize("co", ["COMPRESS=NONE", "COMPRESS=DEFLATE"])
 def test_a_disk_that_fills_up(sea, write, tmp_path, co, limit):

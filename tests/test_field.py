@@ -41,6 +41,7 @@ def test_others_run_their_own_code_on_copies_and_missing_ones_are_named(tmp_path
     assert set(field.programs(None)[1]) == {peer.name for peer in field_peers.PEERS}
 
 
+@pytest.mark.slow
 def test_what_is_measured(known):
     told = field.told_of(known)
     assert told.deep.any()

@@ -241,6 +241,7 @@ def finished(deglint, sea, write, scene, monkeypatch):
     return states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "scene_number"), [("src.tif", 0), ("v.vrt", 0), ("e.hdr", 1), ("e.img", 1), ("k.tif.msk", 2), ("k.tif", 2)]
 )

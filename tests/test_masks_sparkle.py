@@ -100,6 +100,7 @@ def test_dry_sand_beside_a_sparkling_shallow_stays_land():
     assert not water(image, rule)[land].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.06])
 @pytest.mark.parametrize(("wind", "width"), [(8.0, 12), (5.0, 8)])
 def test_boats_rocks_and_plants_in_glint_are_not_water(delay, wind, width):

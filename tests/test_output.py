@@ -116,6 +116,7 @@ LAYOUTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(80, 100), (600, 530), (1, 1)], ids=["small", "large", "one pixel"])
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
 def test_outputs_are_cloud_optimised(sea, write, tmp_path, layout, size):

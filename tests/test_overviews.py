@@ -40,6 +40,7 @@ def info(sea, tmp_path, write):
     return lambda **more: type(found)(**(vars(found) | {"height": SIZE[0], "width": SIZE[1]} | more))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("masked", [False, True], ids=["nodata", "masked"])
 @pytest.mark.parametrize(("compression", "interleave"), [(None, "band"), ("deflate", "pixel"), ("zstd", "band")])
 def test_overviews_are_means_of_what_is_valid(info, tmp_path, masked, compression, interleave):

@@ -56,6 +56,7 @@ def sky_shares(sun, view, wind, wind_from, levels, *, step=0.005, model="uniform
     return (weight * light).sum(), np.array([weight[light > level].sum() for level in levels])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "half_angle", "step", "tolerance"),
     [
@@ -94,6 +95,7 @@ def test_the_facet_grid_of_the_thesis_does_not_resolve_the_sun_but_converges():
     assert wrong[4] < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", sky.SKY_MODELS)
 @pytest.mark.parametrize(
     ("wind", "sun_at", "tolerance"),

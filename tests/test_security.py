@@ -237,6 +237,7 @@ FEW_FILES = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="this system does not list open files")
 @pytest.mark.parametrize("spare", [1, 5])
 def test_a_limit_on_open_files(sea, write, tmp_path, spare):

@@ -82,6 +82,7 @@ def test_light_of_the_worked_case_in_five_bands(name):
 # The sea
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wind", "zenith", "gsd"),
     [(2.0, 20.0, 0.25), (5.0, 20.0, 0.5), (9.0, 20.0, 1.0), (9.0, 40.0, 1.0), (12.0, 30.0, 1.0)],

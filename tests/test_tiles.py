@@ -283,6 +283,7 @@ def wavelengths(dataset):
         dataset.update_tags(band, wavelength=f"{wavelength} nm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("method", METHODS)
 def test_files_and_arrays_give_the_same_bits(write, read, tmp_path, small_tiles, monkeypatch, method, dtype):

@@ -21,6 +21,7 @@ def bordered(sea, value, dtype="float32", **options):
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "dtype"),
     [(0, "uint16"), (65535, "uint16"), (-999, "int16"), (-9999, "float32"), (-3e38, "float32"), (1e20, "float64")],

@@ -103,6 +103,7 @@ def test_whole_numbers_can_become_real_ones(scene, tmp_path):
         deglint.xr.remove(opened(source, 100), HEDLEY, dtype="int16")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recipe", [Scoring(), Scoring(mask="water"), Scoring(covariance="ledoit-wolf"),
                                     Scoring(method="local", window=(3, 21), mask="water")])  # fmt: skip
 def test_scores_are_those_of_the_tile_engine(scene, tmp_path, recipe):
