@@ -189,8 +189,8 @@ def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
             raise click.UsageError("several --wind or --delay make several scenes: give --grid, too.")
         return [(out, base)]
     grid = experiments(base, winds=winds or WINDS, delays=delays or DELAYS)
-    foam = whitecaps if given["foam"] is None else lambda _wind: base.foam
-    return [(out / name, replace(setup, foam=foam(setup.wind))) for name, setup in grid]
+    auto = given["foam"] is None  # then each scene has the foam of its own wind
+    return [(out / name, replace(setup, foam=whitecaps(setup.wind)) if auto else setup) for name, setup in grid]
 
 
 def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], ...]:
