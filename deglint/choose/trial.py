@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -161,16 +162,28 @@ def choose(
         sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
     )
 
-    def work(candidate: Candidate) -> _Run | str:
+    def work(job: tuple[Candidate, bool]) -> _Result | FitError:
+        candidate, signals = job
+        some, chain = marked if signals else sample, "remove" if candidate.chain == "off" else candidate.chain
+        if candidate.method == "copy":
+            return _Result([s.image for s in some.states], [])
         try:
-            return _run(candidate, sample, marked, setting, removal, unit if fine else None)
+            fitted = fit_chain(chain, some, setting, removal(candidate.method))
+            if not signals:
+                _check(fitted, unit if fine else None)
         except FitError as error:
-            return str(error)
+            return error
+        return _Result(fitted.images, [s.targets for s in fitted.sample.states])
 
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
-    done = list(each(work, todo))
-    failed = {c.name: why for c, why in zip(todo, done, strict=True) if isinstance(why, str)}
-    runs = {c: r for c, r in zip(todo, done, strict=True) if isinstance(r, _Run)}
+    done = list(each(work, product(todo, (False, True))))  # without and with signals
+    runs, failed = dict[Candidate, _Run](), dict[str, str]()
+    for candidate, plain, other in zip(todo, done[::2], done[1::2], strict=True):
+        if isinstance(plain, _Result) and isinstance(other, _Result):
+            responses = [b - a for a, b in zip(plain.images, other.images, strict=True)]
+            runs[candidate] = _Run(plain.images, plain.targets, responses)
+        else:
+            failed[candidate.name] = str(plain if isinstance(plain, FitError) else other)
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
@@ -221,37 +234,28 @@ def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
-    """Results of a candidate on the sample tiles, without and with implanted signals."""
+class _Result:
+    """Result of a candidate on the sample tiles."""
 
-    images: list[Float32]  # (band, row, column) of each tile, without signals
-    responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
+    images: list[Float32]  # (band, row, column) of each tile
     targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
-def _run(
-    candidate: Candidate,
-    sample: Sample,
-    marked: Sample,
-    setting: Setting,
-    removal: Callable[[str], FitRemoval],
-    fine: Float32 | None,
-) -> _Run:
-    """Fit and run a candidate on `sample`, and on `marked` (with signals); `fine`: unit for `_refuse_sky`, or None."""
-    if candidate.method == "copy":
-        images, others = ([s.image for s in some.states] for some in (sample, marked))
-        return _Run(images, [b - a for a, b in zip(images, others, strict=True)], [])
-    chain = "remove" if candidate.chain == "off" else candidate.chain
-    fitted = fit_chain(chain, sample, setting, removal(candidate.method))
+@dataclass(frozen=True, eq=False)
+class _Run(_Result):
+    """Result of a candidate on the sample tiles without signals, and its response to them."""
+
+    responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
+
+
+def _check(fitted: FittedChain, fine: Float32 | None) -> None:
+    """Raise FitError if a fitted candidate cannot improve the scene; `fine`: unit for `_refuse_sky`, or None."""
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
         _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("what removal leaves varies no more than the calm water")
-    others = fit_chain(chain, marked, setting, removal(candidate.method)).images
-    responses = [b - a for a, b in zip(fitted.images, others, strict=True)]
-    return _Run(fitted.images, responses, [s.targets for s in fitted.sample.states])
 
 
 def _too_small(sample: Sample) -> bool:

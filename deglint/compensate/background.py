@@ -186,7 +186,7 @@ class Background:
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)
-            seen = np.count_nonzero(detail > np.float32(max(self.limit, 1e-6)), axis=0) >= 2
+            seen = (detail > np.float32(max(self.limit, 1e-6))).sum(axis=0, dtype=np.uint8) >= 2
             if seen.any():
                 near = cv2.dilate(seen.astype(np.float32), np.ones((self.size, self.size), np.uint8))
                 for b, unit in enumerate(self.colour):

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import FitError
 from ..moments import CELL, Float64, Mask
@@ -45,27 +44,27 @@ def offsets(side: int) -> tuple[tuple[int, int], ...]:
 
 class LagGrams(NamedTuple):
     """Gram matrices of a sample, one for each square: sums over its pixels of products of two variables.
-    The variables are each reference at each offset in `SIDE` x `SIDE` pixels, then each band to predict.
+    The variables are each reference at each offset in a square window of its side, then each band to predict.
     """
 
     grams: Float64  # (square, variable, variable), with the mean of the square subtracted
     pixels: npt.NDArray[np.int64]  # (square,): number of pixels in the sums
     places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of the first pixel of the square
-    references: int  # number of references
+    sides: tuple[int, ...]  # side of the window on each reference [pixel]
 
     def some(self, chosen: Mask) -> LagGrams:
         """The Gram matrices of those squares of the sample for which the mask `chosen` (square,) is True."""
-        return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.references)
+        return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.sides)
 
     def columns(self, reference: int, side: int) -> list[int]:
         """Indices of the rows of a Gram matrix for a kernel of this side [pixel] on one reference (0 for the first)."""
-        inside = set(offsets(side))
-        return [reference * SIDE**2 + i for i, offset in enumerate(offsets(SIDE)) if offset in inside]
+        inside, first = set(offsets(side)), sum(s * s for s in self.sides[:reference])
+        return [first + i for i, offset in enumerate(offsets(self.sides[reference])) if offset in inside]
 
     @property
     def outputs(self) -> list[int]:
         """Indices of the rows of a Gram matrix that belong to the bands to predict."""
-        return list(range(self.references * SIDE**2, self.grams.shape[1]))
+        return list(range(sum(s * s for s in self.sides), self.grams.shape[1]))
 
     def inputs(self, support: tuple[int, ...]) -> list[int]:
         """Indices of the rows of a Gram matrix for kernels whose sides on the references are `support` [pixel]."""
@@ -77,6 +76,7 @@ def gather(
     bands: Sequence[FloatArray],
     sample: Mask,
     *,
+    sides: Sequence[int],
     size: int,
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
@@ -85,7 +85,8 @@ def gather(
 
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict
     sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
-        counts if the largest kernel around it covers only such pixels; squares with few of them are left out
+        counts if the largest kernel (`SIDE`) around it covers only such pixels; squares with few of them are left out
+    sides : side of the largest kernel to be fitted to each reference, odd, at most `SIDE` [pixel]
     size : side of the window around each pixel in which a plane is fitted [pixel]. This local plane is subtracted from
         references and bands before products are computed; 0: nothing is subtracted
     origin : row and column in the scene of the first pixel of the tile [pixel]
@@ -102,18 +103,22 @@ def gather(
         mask, top, left = inner[cell], cell[0].start, cell[1].start
         if mask.sum() < LEAST_OPEN * CELL**2:
             continue
-        shifted = sliding_window_view(padded, mask.shape, (1, 2))[:, top : top + SIDE, left : left + SIDE]
-        variables = np.stack([*shifted.reshape(-1, *mask.shape), *values[len(references) :, *cell]], axis=1)
+        shifted = [
+            padded[r, y : y + mask.shape[0], x : x + mask.shape[1]]
+            for r, side in enumerate(sides)
+            for y, x in (np.array(offsets(side)) + KERNEL_REACH + (top, left)).tolist()
+        ]
+        variables = np.stack([*shifted, *values[len(references) :, *cell]], axis=1)
         weights = np.where(mask, 1.0 if weight is None else weight[cell].astype(np.float64), 0.0)
         grams.append(_gram(variables, weights))
         pixels.append(int(mask.sum()))
         places.append((origin[0] + top, origin[1] + left))
-    count = len(references) * SIDE**2 + len(bands)
+    count = sum(side * side for side in sides) + len(bands)
     return LagGrams(
         np.array(grams).reshape(-1, count, count),
         np.array(pixels, np.int64),
         np.array(places, np.int64).reshape(-1, 2),
-        len(references),
+        tuple(sides),
     )
 
 
@@ -129,8 +134,8 @@ def _gram(variables: Float64, weight: Float64) -> Float64:
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:
     """Join the Gram matrices of several tiles into one `LagGrams`, in the order of the tiles."""
-    grams, pixels, places, references = zip(*parts, strict=True)
-    return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), references[0])
+    grams, pixels, places, sides = zip(*parts, strict=True)
+    return LagGrams(np.concatenate(grams), np.concatenate(pixels), np.concatenate(places), sides[0])
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
@@ -143,9 +148,13 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares of each output with `coefficients` (input, output); other arguments are as in `solve`."""
-    rest = gram[outputs, outputs] - 2 * (coefficients * gram[np.ix_(inputs, outputs)]).sum(axis=0)
-    return np.asarray(rest + (coefficients * (gram[np.ix_(inputs, inputs)] @ coefficients)).sum(axis=0))
+    """Residual sum of squares (..., output) with `coefficients` (input, output); other arguments are as in `solve`,
+    but `gram` may have leading axes, for several Gram matrices.
+    """
+    rows = gram[..., inputs, :]
+    power, cross = rows[..., inputs], rows[..., outputs]
+    rest = gram[..., outputs, outputs] - 2 * (coefficients * cross).sum(axis=-2)
+    return np.asarray(rest + (coefficients * (power @ coefficients)).sum(axis=-2))
 
 
 class BandSet(NamedTuple):
@@ -178,7 +187,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     edges = np.arange(count + 1) * len(grams.grams) // count
     groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
     total = np.sum(groups, axis=0)
-    usable = [s for s in band_set.supports if len(s) <= grams.references and total[grams.columns(len(s) - 1, 1)].any()]
+    usable = [s for s in band_set.supports if len(s) <= len(grams.sides) and total[grams.columns(len(s) - 1, 1)].any()]
     if not usable or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "

@@ -89,10 +89,10 @@ def _fitted(
 ) -> GlintModel:
     """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
     every = (*nir, *more)
-    parts = [
-        gather([t.block[r] for r in every], [t.block[b] for b in request.correct], t.sample, size=0) for t in tiles
-    ]
-    grams = merge(parts)
+    sides = [MIXTURE_SIDE] * len(every)
+    grams = merge(
+        [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides, size=0) for t in tiles]
+    )
     if not len(grams.grams):
         raise FitError("too little water in one piece to fit a removal to. Pass --sample with a piece of open water.")
     total, indexes, fits = grams.grams.sum(axis=0), [], []
@@ -116,7 +116,7 @@ def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads
-        left = np.array([float(unexplained(g, inputs, output, found)[0]) for g in grams.grams]) / grams.pixels
+        left = unexplained(grams.grams, inputs, output, found)[:, 0] / grams.pixels
         least = LEAST_LEFT * float(np.median(left))
         if not least > 0:
             break

@@ -87,7 +87,7 @@ def _left(grams: LagGrams, kernel: Float64) -> Float64:
     """Residual power of a 3 x 3 kernel in each square, (square,), relative to each band's power, summed over bands."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
-    return np.array([(unexplained(g, inputs, outputs, kernel) / power).sum() for g in grams.grams])
+    return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))
 
 
 def filled(known: npt.NDArray[np.int8]) -> Mask:

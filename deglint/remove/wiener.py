@@ -139,13 +139,14 @@ def _kinds(
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
     """Gram matrices of a sample's squares for a set of bands; outliers are left out, unless no square would remain."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
+    sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     for outliers in (False, True):
         parts = []
         for t in learnt:
             references, bands = [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands]
             sample = t.sample if outliers else t.teaches
             weight = faint_weight(references[0], t.sample) if request.faint else None
-            parts.append(gather(references, bands, sample, size=size, origin=t.origin, weight=weight))
+            parts.append(gather(references, bands, sample, sides=sides, size=size, origin=t.origin, weight=weight))
         if any(len(p.grams) for p in parts):
             break
     return merge(parts)
