@@ -1,5 +1,6 @@
 """Standard errors of compensated images against errors of known water."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,10 @@ def opened(state):
     return State(state.raw, np.where(glint, level, state.raw).astype(np.float32), state.water, replaced=glint)
 
 
-def state_and_water(seed):
+def state_and_water(seed, contrast=15):
     rng = np.random.default_rng(seed)
     water = np.full((2, 160, 160), 50.0)
-    water[:, 40:70, 40:70] += 15
+    water[:, 40:70, 40:70] += contrast
     glint = np.maximum(gaussian_filter(rng.normal(size=water.shape), (0, 1, 1)) * 300 - 120, 0)
     raw = (water + glint + rng.normal(size=water.shape)).astype(np.float32)
     return State(raw, raw, np.ones(raw.shape[1:], bool)), water
@@ -39,11 +40,28 @@ def state_and_water(seed):
 def test_a_trial_tells_the_error_of_what_was_replaced(seed):
     state, water = state_and_water(seed)
     done = opened(state)
-    errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (state.water,)), opened)
+    nothing = np.zeros_like(state.raw)
+    errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (state.water,)), [nothing], opened)
     claimed = stderr(done, NOTHING, errors)
     for mask in (done.replaced, ~done.replaced):
         ratio = np.sqrt(np.mean(claimed[mask] ** 2) / np.mean((done.image - water)[mask] ** 2))
         assert 0.6 < ratio < 1.5
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_objects_in_a_trial_tell_the_error_at_round_edges_that_the_sample_lacks(seed):
+    plain = state_and_water(seed, contrast=0)[0]
+    sample = Sample((plain,), (plain.water,)), Sample((opened(plain),), (plain.water,))
+    rows, columns = np.mgrid[:160, :160]
+    disc = gaussian_filter(10.0 * (np.hypot(rows % 40 - 20, columns % 40 - 20) < 7), 1).astype(np.float32)
+    objects = np.stack([disc, disc])
+    state, water = state_and_water(seed + 10, contrast=0)
+    done, water = opened(replace(state, raw=state.raw + 2 * objects)), water + 2 * objects
+    seen = done.replaced & (objects > 0.5)
+    real = np.sqrt(np.mean((done.image - water)[seen] ** 2))
+    for added, low, high in ((0 * objects, 0.0, 0.3), (objects, 0.6, 1.5)):
+        claimed = stderr(done, NOTHING, fit_replaced(*sample, [added], opened))[seen]
+        assert low < np.sqrt(np.mean(claimed**2)) / real < high
 
 
 def test_errors_of_slope_and_level_add_to_those_of_the_water():

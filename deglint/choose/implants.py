@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..compensate.state import Float32, Mask
+from ..moments import Float64
 from ..physics.iops import WAVELENGTH_RANGE, case1
 from ..remove.mixture import PLUME, TURBID
 from ..scene import Band
@@ -50,9 +51,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
     seed : a different number for each tile
     """
     rng, shape = np.random.default_rng((SEED, seed)), inside.shape
-    wavelengths = np.array([b.wavelength or 480.0 for b in bands])  # else as blue, which sees all signals
-    seen = case1(np.clip(wavelengths, *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
-    through = np.exp(-DEPTH * seen).astype(np.float32) * level
+    wavelengths, through = _wavelengths(bands), _submerged(bands, level)
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
     spectral = [bool(b.wavelength) for b in bands]  # a class or a product has no brightness
     white = np.full(len(bands), WHITE_DISC * float(level[spectral if any(spectral) else ...].max()), np.float32)
@@ -61,6 +60,12 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
     patterns["plumes"] = _plume(shape, rng), turbid
     patterns["targets of 2 pixels"] = _targets(shape, rng), white
     return Implants(tuple(patterns), *map(np.stack, zip(*patterns.values(), strict=True)))
+
+
+def discs(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Float32:
+    """Only the discs of `implants`, with the same arguments, to be added to a tile, (band, row, column)."""
+    pattern = _discs(inside, width, np.random.default_rng((SEED, seed)))
+    return np.asarray(_submerged(bands, level)[:, None, None] * pattern, np.float32)
 
 
 def gains(
@@ -88,6 +93,17 @@ def gains(
         gram += (patterns @ patterns.T) * (colours @ colours.T)
         cross += ((patterns @ values.T) * colours).sum(axis=1)
     return dict(zip(names, np.linalg.lstsq(gram, cross, rcond=None)[0].tolist(), strict=True))
+
+
+def _wavelengths(bands: Sequence[Band]) -> Float64:
+    """Wavelength of each band, (band,) [nm]; a band without wavelength counts as blue, which shows all signals."""
+    return np.array([b.wavelength or 480.0 for b in bands])
+
+
+def _submerged(bands: Sequence[Band], level: Float32) -> Float32:
+    """Colour of a white signal under `DEPTH` metres of water, (band,) [unit of the band]; `level` as in `implants`."""
+    seen = case1(np.clip(_wavelengths(bands), *WAVELENGTH_RANGE), CHLOROPHYLL).absorption
+    return np.exp(-DEPTH * seen).astype(np.float32) * level
 
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:

@@ -5,8 +5,9 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
 standard error of the glint-free NIR. The error variance of the water, :math:`\sigma_w^2`, comes from the stage
 `posterior` if the chain has it. Where glint was replaced by a background, :math:`\sigma_w^2` is the error variance of
-the background, measured by a trial: the glint of the scene is displaced by half a tile and added to the compensated
-image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal left.
+the background, measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to the
+compensated image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal
+left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
@@ -47,13 +48,17 @@ class ReplacedError:
     relief: float  # increase of the error variance per square of the local range (`SPAN`) of the background [1]
 
 
-def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -> tuple[ReplacedError, ...]:
+def fit_replaced(
+    before: Sample, after: Sample, objects: Sequence[Float32], run: Callable[[State], State]
+) -> tuple[ReplacedError, ...]:
     """Measure the error of pixels that a background replaced, by a trial: shifted glint is added to clean water.
 
     Parameters
     ----------
     before, after : Sample
         The sample as read, and after all stages.
+    objects : sequence of (band, row, column) float32 ndarray
+        Objects to add to the water of each block, as errors are largest at their edges [unit of the band].
     run : callable
         Applies all stages to a state as read, and returns the new state.
 
@@ -62,12 +67,13 @@ def fit_replaced(before: Sample, after: Sample, run: Callable[[State], State]) -
     tuple of ReplacedError
         One for each band.
     """
-    tried = [run(_trial(s)) for s in after.states]
+    water = [replace(s, raw=s.raw + o, image=s.image + o) for s, o in zip(after.states, objects, strict=True)]
+    tried = [run(_trial(s)) for s in water]
     out = []
     for b in range(len(before.states[0].raw)):
         s2 = noise([s.raw[b] for s in before.states], before.inside) ** 2
         wrong, spans = [], []
-        for truth, done, inside in zip(after.states, tried, after.inside, strict=True):
+        for truth, done, inside in zip(water, tried, after.inside, strict=True):
             if truth.replaced is not None and done.replaced is not None:
                 seen = inside & done.replaced[b] & ~truth.replaced[b]  # the truth has its own noise there
                 wrong.append((done.image[b] - truth.image[b])[seen])

@@ -8,6 +8,9 @@ import numpy.typing as npt
 
 from .. import compensate
 from .. import tiles as tiling
+from ..choose.candidates import OF_OBJECT
+from ..choose.implants import discs
+from ..choose.trial import LARGEST_DISC
 from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State, apply_chain, with_targets
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
@@ -15,6 +18,7 @@ from ..masks import WaterRule, water
 from ..raster.convert import encode, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area
+from ..readers.grid import pixel_size
 from ..readers.roles import find_band
 from ..remove import GlintModel, apply
 from ..remove.noise import noise
@@ -25,6 +29,7 @@ from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
 from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
+from .recipe import smallest_object
 from .sample import Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
@@ -305,12 +310,25 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
     before = Sample(*map(tuple, zip(*chosen, strict=True)))
     after = replace(before, states=tuple(apply_chain(s, work.chain, work.model) for s in before.states))
     if opens:
-        errors = compensate.fit_replaced(before, after, lambda s: apply_chain(s, work.chain, work.model))
+        errors = compensate.fit_replaced(
+            before, after, _objects(work, after), lambda s: apply_chain(s, work.chain, work.model)
+        )
         return replace(work, want_stderr=True, replaced=errors)
     if any(isinstance(stage, Posterior) and stage.resolved for stage in work.chain.after):
         return replace(work, want_stderr=True)
     left = compensate.fit_removed(after, Setting(work.scene.bands, tuple(work.model.index_bands) or (0,)), work.model)
     return replace(work, want_stderr=True, left=left)
+
+
+def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
+    """Discs to add to each block of a compensated sample, as wide as the smallest object that is usually kept, or as
+    the window of the chain's opening preserves.
+    """
+    window = next(s.size for s in work.chain.before if isinstance(s, compensate.Background))
+    width = max(min(smallest_object(None, pixel_size(work.scene)), LARGEST_DISC), window / OF_OBJECT)
+    bands = work.scene.bands
+    level = np.array([np.median(after.values([s.image[b] for s in after.states])) for b in range(len(bands))], "f4")
+    return [discs(m, bands, level, width, n) for n, m in enumerate(after.inside)]
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
