@@ -142,25 +142,13 @@ def cell_moments(
 ) -> CellMoments:
     """Moments of the pixels of a block of the scene, separately for each square cell of the scene.
 
-    Parameters
-    ----------
-    block : (variables, rows, columns) ndarray
-        Values of any real dtype; pixels with NaN or infinity in any variable are left out.
-    mask : (rows, columns) bool ndarray, optional
-        True where a pixel counts.
-    origin : (int, int)
-        Row and column of the block's first pixel in the scene [pixel].
-    cell : int
-        Side of a cell [pixel].
+    block : (variable, row, column), any real dtype; pixels with NaN or infinity in any variable are left out
+    mask : (row, column), True where a pixel counts; by default everywhere
+    origin : row and column of the block's first pixel in the scene [pixel]
+    cell : side of a cell [pixel]
 
-    Returns
-    -------
-    CellMoments
-        The cells with at least one pixel that counts.
-
-    Notes
-    -----
-    The cost is one read of the block and (variables + 1)^2 / 2 multiply-adds per pixel.
+    Returns the cells with at least one pixel that counts. The cost is one read of the block and (variables + 1)^2 / 2
+    multiply-adds per pixel.
     """
     block = np.asarray(block)
     if block.ndim != 3:

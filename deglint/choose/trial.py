@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -158,32 +159,22 @@ def choose(
     unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     images = [s.image + a.total for s, a in zip(sample.states, added, strict=True)]
-    marked = replace(
-        sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
-    )
+    states = tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
+    marked = replace(sample, states=states)
 
-    def work(job: tuple[Candidate, bool]) -> _Result | FitError:
-        candidate, signals = job
-        some, chain = marked if signals else sample, "remove" if candidate.chain == "off" else candidate.chain
-        if candidate.method == "copy":
-            return _Result([s.image for s in some.states], [])
+    def work(job: tuple[Candidate, Sample]) -> _Run | FitError:
+        candidate, some = job
+        check = partial(_check, fine=unit if fine else None) if some is sample else None
         try:
-            fitted = fit_chain(chain, some, setting, removal(candidate.method))
-            if not signals:
-                _check(fitted, unit if fine else None)
+            return _run(candidate, some, setting, removal(candidate.method), check)
         except FitError as error:
             return error
-        return _Result(fitted.images, [s.targets for s in fitted.sample.states])
 
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
-    done = list(each(work, product(todo, (False, True))))  # without and with signals
-    runs, failed = dict[Candidate, _Run](), dict[str, str]()
-    for candidate, plain, other in zip(todo, done[::2], done[1::2], strict=True):
-        if isinstance(plain, _Result) and isinstance(other, _Result):
-            responses = [b - a for a, b in zip(plain.images, other.images, strict=True)]
-            runs[candidate] = _Run(plain.images, plain.targets, responses)
-        else:
-            failed[candidate.name] = str(plain if isinstance(plain, FitError) else other)
+    done = list(each(work, product(todo, (sample, marked))))
+    pairs = list(zip(todo, done[::2], done[1::2], strict=True))
+    runs = {c: (p, m) for c, p, m in pairs if isinstance(p, _Run) and isinstance(m, _Run)}
+    failed = {c.name: str(p if isinstance(p, FitError) else m) for c, p, m in pairs if c not in runs}
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
@@ -198,15 +189,20 @@ def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
 
 
 def _judged(
-    runs: dict[Candidate, _Run], sample: Sample, added: Sequence[Implants], unit: Float32, setting: Setting
-) -> list[Trial]:
-    """The trial of each run; its error is infinite if it cannot be computed. `added` and `unit` are as in `gains`."""
+    pairs: dict[Candidate, tuple[_Run, _Run]], sample: Sample, added: Sequence[Implants], unit: Float32,
+    setting: Setting,
+) -> list[Trial]:  # fmt: skip
+    """The trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be
+    computed. `added` and `unit` are as in `gains`.
+    """
+    runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
     clear = _clear(runs, inside)
-    trials = [
-        Trial(c, tuple(powers(r.images, inside, unit).tolist()), gains(r.responses, added, inside, unit))
-        for c, r in runs.items()
-    ]
+    trials = []
+    for c, (plain, marked) in pairs.items():
+        responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
+        power = tuple(powers(plain.images, inside, unit).tolist())
+        trials.append(Trial(c, power, gains(responses, added, inside, unit)))
     errors = expected_errors(
         np.array([t.power for t in trials]),
         np.array([powers(r.images, inside, unit, clear) for r in runs.values()]),
@@ -234,18 +230,24 @@ def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: 
 
 
 @dataclass(frozen=True, eq=False)
-class _Result:
+class _Run:
     """Result of a candidate on the sample tiles."""
 
     images: list[Float32]  # (band, row, column) of each tile
     targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
-@dataclass(frozen=True, eq=False)
-class _Run(_Result):
-    """Result of a candidate on the sample tiles without signals, and its response to them."""
-
-    responses: list[Float32]  # (band, row, column) of each tile: change of the result by the signals
+def _run(
+    candidate: Candidate, sample: Sample, setting: Setting, removal: FitRemoval,
+    check: Callable[[FittedChain], None] | None,
+) -> _Run:  # fmt: skip
+    """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
+    if candidate.method == "copy":
+        return _Run([s.image for s in sample.states], [])
+    fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
+    if check is not None:
+        check(fitted)
+    return _Run(fitted.images, [s.targets for s in fitted.sample.states])
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:

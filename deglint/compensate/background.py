@@ -50,20 +50,12 @@ PIT_SIDE = 9  # side of the window for the water around a pit [pixel]; ringing e
 def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     """Morphological opening of a band by a square, an octagon or a diamond.
 
-    Parameters
-    ----------
-    band : (row, column) float32 ndarray
-        Values of the band in any unit, finite.
-    size : int
-        Width of the window, odd [pixel].
-    cut : int
-        Side of the corners that are cut off [pixel]: 0 for a square, size / 4 for an octagon, size / 2 for a diamond.
+    band : (row, column), any unit, finite
+    size : width of the window, odd [pixel]
+    cut : side of the corners that are cut off [pixel]: 0 for a square, size / 4 for an octagon, size / 2 for a diamond
 
-    Returns
-    -------
-    (row, column) float32 ndarray
-        ``dilate(median_3x3(erode(band)))`` [unit of the band]. The median removes isolated values, so that a bright
-        area remains only if the window fits into it at several positions.
+    Returns ``dilate(median_3x3(erode(band)))``, (row, column) [unit of the band]. The median removes isolated values,
+    so that a bright area remains only if the window fits into it at several positions.
     """
     import cv2
 

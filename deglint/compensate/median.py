@@ -41,27 +41,16 @@ class Median:
 def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST_MEDIAN) -> tuple[Float32, Mask]:
     """Replace each glint pixel of a band by the median of the glint-free pixels around it.
 
-    Parameters
-    ----------
-    band : (row, column) float32 ndarray
-    glint, clean : (row, column) bool ndarray
-        True for pixels to replace, and for glint-free pixels from which the median may be computed.
-    largest : int
-        Side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until the
-        window contains 5 glint-free pixels (`CLEAN`).
+    band : (row, column), any unit
+    glint, clean : (row, column), True for pixels to replace, and for glint-free pixels whose median may be taken
+    largest : side of the largest window, odd [pixel]. The side is first 3 pixels and is increased in steps of 2 until
+        the window contains 5 glint-free pixels (`CLEAN`)
 
-    Returns
-    -------
-    (ndarray, ndarray)
-        The band after replacement, and the mask of replaced pixels, (row, column) each. For an even number of values,
-        the median is the lower of the two middle values.
+    Returns the band after replacement, and the mask of replaced pixels, (row, column) each. For an even number of
+    values, the median is the lower of the two middle values.
 
-    References
-    ----------
     Hwang, Haddad (1995), IEEE Trans. Image Process. 4, 499-502, doi:10.1109/83.370679.
 
-    Examples
-    --------
     >>> sea = np.arange(9, dtype=np.float32).reshape(3, 3)
     >>> float(adaptive_median(sea, sea == 4, sea != 4)[0][1, 1])
     3.0

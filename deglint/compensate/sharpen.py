@@ -31,28 +31,16 @@ def richardson_lucy(band: Float32, psf: PSF, iterations: int = ITERATIONS, floor
 
     .. math:: u_{k+1} = u_k \\, h^T * \\frac{y}{h * u_k}
 
-    Parameters
-    ----------
-    band : (row, column) float32 ndarray
-        The blurred band y, finite.
-    psf : PSF
-        The kernel h, symmetric; * is the convolution.
-    iterations : int
-    floor : float
-        Lower limit of y and of its prediction ``h * u``, positive.
+    band : (row, column), the blurred band y, finite
+    psf : the kernel h, symmetric; * is the convolution
+    iterations : number of iterations
+    floor : lower limit of y and of its prediction ``h * u``, positive [unit of the band]
 
-    Returns
-    -------
-    (row, column) float32 ndarray
-        The deconvolved band u after the last iteration [unit of the band].
+    Returns the deconvolved band u after the last iteration, (row, column) [unit of the band].
 
-    Notes
-    -----
     A PSF that is wider than the PSF of the image causes ringing. A few iterations concentrate the light of sparkle in
     fewer pixels and hardly amplify the noise.
 
-    References
-    ----------
     Richardson (1972), J. Opt. Soc. Am. 62, 55-59, doi:10.1364/JOSA.62.000055.
     Lucy (1974), Astron. J. 79, 745-754, doi:10.1086/111605.
     """

@@ -46,15 +46,9 @@ blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and 
 def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float64, Float64]:
     """Model spectra of targets in bands with centres `wavelengths` and full `widths`, (band,) both [nm].
 
-    Returns
-    -------
-    values : (spectrum, band) ndarray
-        Reflectance divided by the reflectance of the brightest band.
-    factors : (spectrum, 5, band) ndarray
-        Change of `values` by one standard deviation of each of five factors: brightness, slope, curvature and the
-        wavelengths of two edges.
-    weight : (spectrum,) ndarray
-        Prior probability of each spectrum: half of the targets are grey, half are painted.
+    Returns values (spectrum, band), the reflectance divided by that of the brightest band; factors (spectrum, 5, band),
+    the change of the values by one standard deviation of brightness, slope, curvature and the wavelengths of two edges;
+    and the prior probability (spectrum,) of each spectrum: half of the targets are grey, half are painted.
     """
     from ..physics.iops import case1
 

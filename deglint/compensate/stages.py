@@ -118,13 +118,8 @@ class Chain:
 def parse(text: str) -> tuple[Step, ...]:
     """Parse the text form of a chain into its steps; a missing "remove" is added at its end.
 
-    Raises
-    ------
-    InputError
-        A stage is unknown, has a wrong number, or comes without the stages that it needs.
+    Raises InputError if a stage is unknown, has a wrong number, or comes without the stages that it needs.
 
-    Examples
-    --------
     >>> [step.name for step in parse("psf:2, identify-level:13, replace-level")]
     ['psf', 'identify-level', 'replace-level', 'remove']
     """

@@ -53,19 +53,12 @@ def fit_replaced(
 ) -> tuple[ReplacedError, ...]:
     """Measure the error of pixels that a background replaced, by a trial: shifted glint is added to clean water.
 
-    Parameters
-    ----------
-    before, after : Sample
-        The sample as read, and after all stages.
-    objects : sequence of (band, row, column) float32 ndarray
-        Objects to add to the water of each block, as errors are largest at their edges [unit of the band].
-    run : callable
-        Applies all stages to a state as read, and returns the new state.
+    before, after : the sample as read, and after all stages
+    objects : objects to add to the water of each block, as errors are largest at their edges, (band, row, column) each
+        [unit of the band]
+    run : function that applies all stages to a state as read, and returns the new state
 
-    Returns
-    -------
-    tuple of ReplacedError
-        One for each band.
+    Returns one error for each band.
     """
     water = [replace(s, raw=s.raw + o, image=s.image + o) for s, o in zip(after.states, objects, strict=True)]
     tried = [run(_trial(s)) for s in water]

@@ -220,15 +220,12 @@ class ListedScene:
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
     """List the scenes that the arguments of a command stand for, in the order of the arguments.
 
-    Parameters
-    ----------
-    given : sequence of str
-        The arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with *, ?
-        or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and whose
-        optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, or a URL).
-    assets : sequence of str
-        Keys of the assets of a STAC Item that contain its bands, in this order. If empty, the assets declared as bands
-        are used; if there are none, the only raster with the role "data", or else the only raster.
+    given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
+        *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and
+        whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, or a
+        URL)
+    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, the assets declared as
+        bands are used; if there are none, the only raster with the role "data", or else the only raster
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
