@@ -85,7 +85,7 @@ def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
 
 
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file has the size and content of the fingerprint `said`; if its time is the same, it is not read."""
+    """Whether a file has the size of the fingerprint `said`, and its modification time or, if not, its checksum."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

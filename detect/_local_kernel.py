@@ -82,10 +82,12 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
     """Fill `scale` with 1 / sqrt(pivot) of a band; where the pivot is lost or inexact, with 0, and change `state`.
 
     pivot : (pixels,), like all arrays: sum of squared deviations of the band in the ring that earlier bands do not
-        explain. It is lost if it is at most `exact` times the sum of squares, and inexact if at most 1000 `exact` times
+        explain. It is lost if it is at most `exact` (the relative rounding error) times the sum of squares of the band,
+        and inexact if it is at most 1000 times as much
     rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
     ring : tuple: sum of squares of the band in the ring, pixels in the ring, deviation of the pixel from their mean
-    state : DEFICIENT if the pivot is lost and `rest` is only a rounding error, else ASIDE; ASIDE is never replaced
+    state : one of the states in `distances`: DEFICIENT if the pivot is lost and `rest` is only a rounding error, else
+        ASIDE; ASIDE is never replaced
     """
     square, count, away = ring
     for c in range(len(pivot)):

@@ -41,7 +41,7 @@ class Mover:
 
 
 def _contrast(band: Float32, water: Mask) -> Float32:
-    """Contrast, (row, column): pixel minus mean of water around it [robust standard deviation of all]; 0 where NaN."""
+    """Pixel minus mean of the water around it, over the robust standard deviation of this difference, (row, column)."""
     known = water & np.isfinite(band)
     total, count = (box_sum(v.astype(np.float32), _WATER_WINDOW) for v in (np.where(known, band, 0), known))
     away = np.where(np.isfinite(band), band - total / np.maximum(count, 1), 0)

@@ -87,7 +87,8 @@ def score(
 def rx(array: Any, background: Background | None = None, **options: Any) -> Any:
     """Global RX of a DataArray: squared Mahalanobis distance of every pixel from the background (Reed and Yu 1990).
 
-    `options` are fields of `detect.pipeline.Recipe`, such as covariance, ridge and bands; see `score` for the rest.
+    `options` are fields of `detect.pipeline.Recipe`, such as covariance, ridge and bands. `array`, `background` and the
+    result are as in `score`.
 
     Examples
     --------

@@ -151,11 +151,11 @@ def level_excess(
 def expected_errors(
     power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0, edges: float = 0.0
 ) -> Float64:
-    """Expected error (root mean square) of each recipe, (recipe,), relative to the water.
+    """Expected root mean square error of the result of each recipe, (recipe,) [water level].
 
-    power, clear, gain : (recipe, scale): `powers` over all pixels, `powers` over the pixels with the least glint, and
-        the gains of textures (of plumes for the coarsest scale)
-    objects : (recipe,), gain of discs
+    power, clear : (recipe, scale): `powers` of the result over all pixels, and over the pixels with the least glint
+    gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves
+    objects : (recipe,): the same of implanted discs
     least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`
     edges : share of edges of large objects in the scene's own signal, which a recipe keeps at least as well as discs
     """

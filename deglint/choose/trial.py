@@ -49,7 +49,7 @@ class Trial:
 
     @property
     def signals(self) -> Float64:
-        """Gain of textures at each of `SCALES`, (scale,); at the coarsest scale the gain of plumes."""
+        """Share of the implanted textures that is preserved, (scale,) for `SCALES`; at the coarsest scale of plumes."""
         textures = [v for k, v in self.gains.items() if k.startswith("texture")]
         return np.array([*textures, self.gains["plumes"]])
 
@@ -192,8 +192,8 @@ def _judged(
     pairs: dict[Candidate, tuple[_Run, _Run]], sample: Sample, added: Sequence[Implants], unit: Float32,
     setting: Setting,
 ) -> list[Trial]:  # fmt: skip
-    """The trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be
-    computed. `added` and `unit` are as in `gains`.
+    """Trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be computed.
+    `added` and `unit` are as in `gains`.
     """
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
@@ -220,7 +220,7 @@ def _judged(
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
-    """Lower limit of the power of the scene's own texture, (scale,); 0 if a wavelength is not in 300 to 1000 nm."""
+    """Result of `least_signal`, (scale,); 0 if a wavelength is not in 300 to 1000 nm (unknown spectrum of glint)."""
     if (setting.colour == 1).all():
         return 0.0
     images, nir = [s.image for s in sample.states], setting.nir[0]
@@ -251,7 +251,9 @@ def _run(
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
-    """Raise FitError if a fitted candidate cannot improve the scene; `fine`: unit for `_refuse_sky`, or None."""
+    """Raise FitError if a fitted candidate changes nothing, or removes mirrored sky (see `_refuse_sky` with `fine` as
+    unit; None: not tested).
+    """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
@@ -298,7 +300,7 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
 
 
 def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks that `least_glint` returns for the glint that candidate `wiener` removes; [] if `wiener` was not run."""
+    """Masks of the pixels from which candidate `wiener` removes the least, see `least_glint`; [] if it was not run."""
     by_name = {c.name: r.images for c, r in runs.items()}
     if not {"copy", "wiener"} <= by_name.keys():
         return []

@@ -96,7 +96,7 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
-    """Make a plan for an uncertain wind: viewing geometries that are not excluded under any wind of an interval."""
+    """Make a plan for an uncertain wind: viewing geometries with acceptable glint for all winds of an interval."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 

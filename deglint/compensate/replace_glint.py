@@ -17,7 +17,7 @@ class ReplaceLevel:
     halo: ClassVar[int] = 0
 
     def apply(self, state: State) -> State:
-        """Set glint pixels to the background of the band, and mark them as replaced."""
+        """Set glint pixels to the background at the same pixel (`State.background`), and mark them as replaced."""
         if state.background is None or state.glint is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
@@ -36,7 +36,7 @@ class ReplaceBands:
     order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
-        """Replace glint; pixels with glint in every band are not changed, and stay marked as glint."""
+        """Replace glint, and no longer mark it; pixels with glint in every band are not changed, and stay marked."""
         if state.glint is None:
             raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
         values, found = nearest_clean(state.image, state.glint, self.order)

@@ -197,9 +197,10 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest spectrum.
-        Each is (row, column), and is computed at peaks and around them only. S is 0 where it is at most `LONE`. The
-        score is the sum of S over 3 x 3 pixels; where it is high, the log likelihood ratio of the `outline` is added.
+        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest of the
+        target spectra, (row, column) each. They are computed at `peaks` and around them, and are 0 elsewhere. S is 0
+        where it is at most `LONE`. The score is the sum of S over 3 x 3 pixels. Where the sum exceeds ln(1 / `RATE`),
+        the log likelihood ratio of a common `outline` is added.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
@@ -321,7 +322,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the pixels of the sample in which `stage` finds targets, with `Excess.afloat` set to False."""
+    """Share of the pixels of the sample in which `stage` finds targets, also such as are dark in the NIR."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -373,7 +374,9 @@ def lasting_share(q: Places, stage: Targets) -> float:
 
 
 def steady(q: Places, stage: Targets) -> Mask:
-    """Mask (step, pixel), True where up to this step each band is lit and its bin (in `q`) changes by at most 1."""
+    """Mask (step, pixel); a step leads from one band to the next in time. True where in this and all earlier steps the
+    bands are lit (see `Targets.lit`), and their histogram bins, in `q`, differ by at most 1.
+    """
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)
 

@@ -96,8 +96,8 @@ def fit_water(
     roles : which band is the NIR, and which are visible
     pixel : side of a pixel on the ground [m]; None if not known
     whole : whether the blocks cover the whole scene; if not, there may be land outside them
-    reflectance : True if the bands are reflectances; if False, the brightest pixels show whether they are. Bands with
-        pixels below `COARSE_PIXEL`, or of unknown size, are always treated as reflectances.
+    reflectance : True if the bands are known to be reflectances. If False, the brightest pixels show whether they are;
+        but pixels below `COARSE_PIXEL`, or of unknown size, are treated as if they were
 
     Returns the rule for `water`; its `has_water` is False if no water was found.
 

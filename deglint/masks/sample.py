@@ -85,7 +85,7 @@ class _Local(NamedTuple):
 
     @property
     def residual(self) -> Float64:
-        """Variance of the visible sum that a regression on the NIR does not explain [grain^2]."""
+        """Variance of the visible sum that a regression on the NIR does not explain [square of the unit]."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
 
@@ -224,7 +224,9 @@ def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    """The rule with the first of `DISTANCES` that leaves `ENOUGH` pixels (else the last); these pixels' statistics."""
+    """Set in `sample` the distance of its pixels from all but water: the first of `DISTANCES` [pixel] that leaves at
+    least `ENOUGH` pixels, else the last. Also return the statistics of these pixels.
+    """
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]

@@ -47,7 +47,7 @@ class WaterRule:
     red_core: int = 1  # [pixel]; 1: not used
     red: float = np.inf  # [unit of the NIR]
     nir_level: float = np.nan  # median NIR of the water; NaN: no water
-    contrast: float = np.nan  # visible minus NIR of the darkest water, free of an offset of all bands; NaN: no water
+    contrast: float = np.nan  # visible minus NIR of the darkest water [unit of the NIR]; NaN: no water
     water_fraction: float = 0.0  # share of water among the valid pixels of the fitted blocks, 0..1
     pixels: int = 0  # valid pixels of the fitted blocks
     whole: bool = True  # whether the fitted blocks covered the whole scene

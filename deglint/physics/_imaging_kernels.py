@@ -10,8 +10,9 @@ def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type:
     """Multiply the spectrum of a scene by an MTF, and add the rows that sampling at the pixels maps to one frequency.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
-    columns // 2 + 1), of which rows `first` to `last` - 1 are filled. Both factors are (frequencies [cycles/pixel],
-    complex MTF without diffraction). The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
+    columns // 2 + 1), of which rows `first` to `last` - 1 are filled. Each factor is a pair of arrays along the rows
+    or columns of `spectrum`: frequency [cycles/pixel], and complex transfer function there without diffraction. The
+    diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor

@@ -98,20 +98,10 @@ class Sensor(Checked):
 def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
     """Return the wavelengths of all bands in steps of 1 nm, and a function that averages spectra over each band.
 
-    Parameters
-    ----------
-    bands : sequence of SensorBand
-        Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out.
+    Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out. The wavelengths, (n,)
+    [nm], are those of the first band, then of the second, and so on. The function takes values (n, ...) at these
+    wavelengths, and returns their mean over each band, (band, ...).
 
-    Returns
-    -------
-    wavelength : (n,) ndarray
-        Wavelengths [nm] of the first band, then of the second, and so on.
-    mean : callable
-        Takes values (n, ...) at these wavelengths and returns their mean over each band, (band, ...).
-
-    Examples
-    --------
     >>> wavelength, mean = band_means([SensorBand(name="green", low=540, high=542, full_scale=1.0)])
     >>> mean(wavelength).tolist()
     [541.0]
@@ -266,19 +256,12 @@ def digitise(
 ) -> npt.NDArray[np.uint16]:
     """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
-    Parameters
-    ----------
-    radiance : ndarray
-        Radiance after the blur by optics and detector [W m-2 sr-1 nm-1].
-    sensor, band : Sensor, SensorBand
-        The sensor, and one of its bands.
-    generator : numpy Generator, optional
-        Random generator of the noise; without it there is no noise.
+    radiance : array of any shape, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
+    sensor, band : the sensor, and one of its bands
+    generator : random generator of the noise; without it there is no noise
 
-    Returns
-    -------
-    ndarray of uint16
-        Digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`. Times `Sensor.scale`, they are radiance.
+    Returns digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`; times `Sensor.scale`, they are radiance
+    again.
     """
     count = np.maximum(electrons(radiance, sensor, band), 0.0)
     if generator is not None:

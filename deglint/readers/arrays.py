@@ -57,16 +57,11 @@ class ArrayScene:
 def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
     """Open a DataArray as a scene; no pixel is computed.
 
-    Parameters
-    ----------
-    array : DataArray
-        Its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any order;
-        other dimensions, such as time, have the size 1. Wavelengths (in um if at most 30, else in nm) or common names
-        ("red") of the bands are read from coordinates or attributes.
-    sensor : str, optional
-        Name of a sensor preset or of a .toml file, as in `deglint.open_scene`.
-    nodata : float or "none", optional
-        Nodata value (or NaN), which overrides that of the array; with "none", every value is valid.
+    array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
+        order; other dimensions, such as time, have the size 1. Wavelengths (in um if at most 30, else in nm) or common
+        names ("red") of the bands are read from coordinates or attributes
+    sensor : name of a sensor preset or of a .toml file, as in `deglint.open_scene`
+    nodata : nodata value (or NaN), which overrides that of the array; with "none", every value is valid
     """
     if not all(hasattr(array, name) for name in ("dims", "coords", "attrs", "encoding", "data")):
         raise InputError(f"want an xarray DataArray, got {type(array).__name__}. Take deglint.open_scene for files.")

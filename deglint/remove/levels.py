@@ -171,11 +171,11 @@ def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
 class LevelSample:
     """Values of the pixels of a sample from which `shared_level` determines the glint-free level of all bands."""
 
-    prediction: FloatArray  # (band, pixel): NIR of each band as its kernel predicts it [unit of the NIR]
+    prediction: FloatArray  # (band, pixel): NIR at time and sharpness of the band, by its kernel [unit of the NIR]
     value: FloatArray  # (band, pixel): value before the removal [unit of the band]
     mean: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
     binomial: FloatArray  # (pixel,): the same prediction after a binomial filter of this size
-    local: FloatArray  # (band, pixel): local mean of prediction - value / slope
+    local: FloatArray  # (band, pixel): local mean of prediction - value / slope [unit of the NIR]
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
     def some(self, which: Any) -> LevelSample:
@@ -188,6 +188,8 @@ def shared_level(
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Glint-free level of each band, (band,), and three levels that are common to all bands [unit of the NIR].
 
+    The level of a band is the prediction by its kernel (`LevelSample.prediction`) for water without glint.
+
     slopes : (band,), glint of the band divided by the glint of its NIR
     visible : (band,), True for visible bands, which limit the possible NIR of the water
     resolved : True if pixels are smaller than waves
@@ -195,11 +197,12 @@ def shared_level(
     The three levels are the lowest possible one, the chosen one, and the median of the predicted NIR. The chosen one is
     the least prediction in the sample, raised so that almost no pixel with little glint becomes negative. If glint is
     dense (`span_of` is at least `SPARSE`), only local means must be positive, as errors make single pixels negative. If
-    each pixel contains several waves, all may have glint. The level is then at most the highest NIR that water can
+    each pixel contains several waves, all may have glint, and the level is lowered to the highest NIR that water can
     have, computed from the excess b / s - p, with b the value of a band, s its slope, p its prediction. The excess has
     no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a visible band w_NIR is at most
-    `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. The least glint is at most
-    `LEAST_OF_MEDIAN` times its median. If waves are resolved, some face away from the sun: the level is not lowered.
+    `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least glint
+    is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, some face away from the sun, and the level is
+    not lowered.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -233,8 +236,9 @@ def shared_level(
 def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float | None]:
     """Lower limit of the result of the removal in each band, (band,) [unit of the band]; None for a band without limit.
 
-    The limit is the least positive value after removal in the half of the sample with less glint: errors of the kernels
-    grow with glint, and would make other pixels darker. A band with many negative values over water has no limit.
+    `slopes` and `level`, (band,), are as `shared_level` takes and returns them. The limit is the least positive value
+    after removal in the half of the sample with less glint. Errors of the kernels grow with glint, and without a limit
+    would make pixels of the other half darker. A band with many negative values over water has no limit.
     """
     calm = (together := slopes @ sample.prediction) <= np.median(together)
     left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)

@@ -158,7 +158,7 @@ def _first(sign: int, extremes: Sequence[tuple[Extreme, ...]]) -> tuple[Extreme,
 
 
 def _extremes(variables: FloatArray, mask: Mask, bands: int, origin: tuple[int, int], sign: int) -> tuple[Extreme, ...]:
-    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each index, `variables[bands:]`; the first if equal."""
+    """Darkest (`sign` 1) or brightest (-1) pixel of a mask in each glint index (`variables[bands:]`), the first one."""
     among, out = np.flatnonzero(mask), []
     for values in variables[bands:] if among.size else ():
         row, column = divmod(int(among[np.argmin(sign * values[mask])]), mask.shape[1])
@@ -208,8 +208,9 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     """Standard errors of slopes (band, index), from differences between cells, or between pixels if cells are few.
 
-    Between G cells the error is ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the comoment of the index,
-    h_c the share of cell c in it, and s_c the score of the cell: the comoment of the index with the residual.
+    Between G cells the error is ``sqrt((G - 1) / G sum_c (s_c / (1 - h_c))^2) / S``, with S the sum of the squared
+    deviations of the glint index from its mean, h_c the share of cell c in S, and s_c the sum over the cell of the
+    deviation of the index times the residual of the band.
     """
     bands = len(stats.plan.bands)
     power = np.diag(stats.regressed.comoment)[bands:]

@@ -78,7 +78,7 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
 
 
 def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
-    """Mask (square,) of the squares of a sample in which the second of two kernels leaves the smaller residual."""
+    """Mask (square,) of those image squares whose glint the second of two `kernels` predicts better than the first."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
 

@@ -206,7 +206,7 @@ class _Learnt:
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
-    """Replace ships, surf and land in the references of a tile; the sample excludes these, and pixels with NaN."""
+    """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels that this replaced, and NaN."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -216,10 +216,11 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 
 
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
-    """Exclude outliers, and water where the NIR shows the bottom, from the sample for the kernels.
+    """Exclude outliers, and water where the NIR shows the bottom, from the pixels to which kernels are fitted.
 
-    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; a fit to faint
-    glint has weights instead. If waves are resolved, bottom (`UNLIKE`) is not excluded, as glint varies as much.
+    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; in a fit to
+    faint glint they have little weight (`faint_weight`) instead. Where the NIR shows the bottom, it does not explain
+    the bands (`UNLIKE`); if waves are resolved, this may be glint, and is not excluded.
     """
     high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]

@@ -51,7 +51,7 @@ class Marker:
         return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested false-alarm rate; for "sea" from scores without confirmed objects."""
+        """Threshold for the requested false-alarm rate. The detector "sea" leaves out confirmed objects."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:

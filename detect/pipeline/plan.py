@@ -218,7 +218,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use, and reason, if an option or the number of `bands` excludes "sea"; otherwise "rx" and ""."""
+    """Detector to use in place of "sea", and why: an option, or the number of `bands`; "" if "sea" can be used."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"

@@ -37,8 +37,8 @@ class PixelCounts:
     """Number of pixels of a tile or of the whole run, in total and by result."""
 
     total: int = 0
-    masked_out: int = 0  # no score: outside the mask, or beside land ("sea")
-    not_valid: int = 0  # no score: nodata or not finite; with "lines" also before the statistics have enough pixels
+    masked_out: int = 0  # no score: outside the mask, or (method "sea") beside land
+    not_valid: int = 0  # no score: nodata or not finite; method "lines": or before the statistics have enough pixels
     scored: int = 0
     deficient: int = 0  # scored by a pseudo-inverse (local RX)
     too_few: int = 0  # no score: the ring has too few valid pixels (local RX)

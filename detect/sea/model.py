@@ -86,7 +86,7 @@ class GlintScale:
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
     def even(self, scores: Array, nir: Array) -> Float32:
-        """Divide the scores, (row, column), by the divisors for the NIR, (band, row, column), of the pixels."""
+        """Divide each score, (row, column), by the divisor for the `nir` of its pixel, (band, row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
 

@@ -53,7 +53,7 @@ class Clutter:
     confirmed_pixels: int  # number of their pixels
     shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
     scale: float  # scale of the distribution [unit of the scores]
-    large: tuple[int, float] = (1, math.inf)  # number of pixels and peak score from which an object counts as large
+    large: tuple[int, float] = (1, math.inf)  # an object of so many pixels with a higher peak is large
     large_share: float = 1.0  # fraction of the unconfirmed candidates with at least `large[0]` pixels
 
     @property
