@@ -260,8 +260,8 @@ def digitise(
     sensor, band : the sensor, and one of its bands
     generator : random generator of the noise; without it there is no noise
 
-    Returns digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`; times `Sensor.scale`, they are radiance
-    again.
+    Returns digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`; times `Sensor.scale`, they are again
+    radiance.
     """
     count = np.maximum(electrons(radiance, sensor, band), 0.0)
     if generator is not None:
