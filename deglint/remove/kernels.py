@@ -32,7 +32,8 @@ SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))  # sides of kernels on fir
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
 is bright in the NIR, and the noise by which supports are compared does not show this advantage."""
-WORTH = 0.01  # least relative reduction of noise by a wider kernel, by a second reference, or by the removal
+WORTH, WORTH_WIDER = 0.01, 0.002
+"""Least relative reduction of noise by the removal; and by a wider kernel or a second reference, which costs time."""
 FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
@@ -227,7 +228,7 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports (sides of kernels) whose noise exceeds the least by at most `WORTH` (relative) or one standard error.
+    """Supports (sides of kernels) whose noise exceeds the least by at most `WORTH_WIDER`, or by one standard error.
     losses : residual power in each group of squares, (group,), by support; smallest support first, as in the result
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
@@ -235,7 +236,7 @@ def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ..
     for support, loss in losses.items():
         excess = (loss - best) / max(best.sum(), np.finfo(float).tiny)  # 0 where a band is constant
         chance = np.sqrt(len(excess)) * excess.std(ddof=1) if len(excess) > 1 else np.inf
-        if excess.sum() <= max(2 * WORTH, chance):
+        if excess.sum() <= max(2 * WORTH_WIDER, chance):
             out.append(support)
     return out or [least]  # losses that are not finite
 
