@@ -201,8 +201,8 @@ def shared_level(
     have, computed from the excess b / s - p, with b the value of a band, s its slope, p its prediction. The excess has
     no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a visible band w_NIR is at most
     `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least glint
-    is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, some face away from the sun, and the level is
-    not lowered.
+    is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, the level is not lowered, as some of them face
+    away from the sun.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))

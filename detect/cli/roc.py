@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 @click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
-    """Print the ROC curve of each detector: its SCORES against the TRUTH.
+    """Print for each detector what its SCORES find of the TRUTH: area under the ROC curve, rates of detection.
 
     SCORES are rasters on one grid; higher is more anomalous, nodata is left out. TRUTH is a raster on the same grid,
     0 or the number of an object (if all have the same number, connected pixels are an object), or polygons in GeoJSON.
