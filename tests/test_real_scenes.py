@@ -9,6 +9,7 @@ import rasterio
 from rasterio.features import geometry_mask
 
 import deglint
+from deglint.remove.wiener import COLOUR
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 SENTINEL2 = SHARED / "sentinel2"
@@ -54,7 +55,8 @@ def test_palau_automatic_sample_is_as_good_as_the_drawn_one(tmp_path):
     result = deglint.remove_glint(SENTINEL2 / "palau.tif", tmp_path / "out.tif")
     slopes = {f.name: f.slope for f in result.fitted.model.fits}
     for name, published in zip(VISIBLE, PUBLISHED, strict=True):
-        assert slopes[name] == pytest.approx(published, rel=0.1)
+        # noise of the NIR lowers slopes to one pixel, but not the response of a kernel, which averages it
+        assert published < slopes[name] < (1 + COLOUR) * published
     inside = deep_water()
     left = values(tmp_path / "out.tif")[:, inside].std(axis=1)
     assert (left <= 1.05 * np.array([13.45, 12.72, 19.30])).all()
