@@ -132,8 +132,8 @@ def _planted(source: Path, path: Path, places: Sequence[tuple[slice, slice]], va
     """Write a copy of a file with a value at some places; the copy's numbers."""
     shutil.copyfile(source, path)
     with rasterio.open(path, "r+") as out:
-        values = out.read()
+        counts = out.read()
         for place in places:
-            values[(slice(None), *place)] = value
-        out.write(values)
+            counts[(slice(None), *place)] = value
+        out.write(counts)
     return values(path)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from benchmarks import ablation, floor, peers, scenes, seas, size, timing, uncertainty, varied
+from benchmarks import ablation, floor, harbours, peers, scenes, seas, size, timing, uncertainty, varied
 from benchmarks.processes import in_turns
 from deglint import open_scene
 from deglint.choose import Candidate, Choice, Trial
@@ -210,6 +210,13 @@ def test_scenes_drawn_at_random_are_the_same_every_time_and_say_what_they_are():
     assert all(
         word in said for word in ("bottom", "coast", "foam", "boats", "misregistered", "striped", "JPEG", "cubic")
     )
+
+
+def test_targets_are_planted_in_a_copy_of_a_file(tmp_path, write):
+    source = write(tmp_path / "sea.tif", np.full((3, 9, 9), 100, np.uint16))
+    there = harbours._planted(source, tmp_path / "copy.tif", [(slice(2, 4), slice(5, 6))], 900)
+    assert [(band > 100).sum() for band in there] == [2, 2, 2]
+    assert harbours.values(source).max() == 100
 
 
 def test_what_is_kept_of_floating_targets_is_their_contrast():
