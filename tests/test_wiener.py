@@ -16,7 +16,7 @@ from deglint.physics.presets import preset
 from deglint.pipeline import correct as correcting
 from deglint.raster.simulated import write_scene
 from deglint.remove import GlintModel, SampleTile, nir_request, wiener
-from deglint.remove.kernels import offsets
+from deglint.remove.kernels import _within_chance, offsets
 from deglint.remove.levels import LevelSample, shared_level, shared_level_error
 from deglint.remove.predict import glint
 from deglint.remove.reference import ReferenceRule, clean, fit_reference
@@ -407,3 +407,10 @@ def test_coarse_scenes_with_truth(name, most):
     level = np.median(true, axis=(1, 2), keepdims=True)
     error = 100 * np.sqrt(np.mean(((clean_scene - true) / level)[visible] ** 2))
     assert error < most
+
+
+@pytest.mark.parametrize(("excess", "chosen"), [(0.003, (1,)), (0.006, (3,))])
+def test_a_wider_kernel_is_taken_if_it_reduces_noise_by_a_fifth_of_a_percent(excess, chosen):
+    """The excess is that of power, twice that of noise, and the same in every group: no chance."""
+    losses = {(1,): np.full(16, 1 + excess), (3,): np.ones(16)}
+    assert _within_chance(losses)[0] == chosen
