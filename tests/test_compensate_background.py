@@ -234,3 +234,14 @@ def test_pits_beside_sparkle_are_found_in_resampled_images_only():
     out = apply_stages(state, stages).image
     spread = apply_stages(state, (stages[0], replace(stages[1], caps=()), stages[2])).image
     assert errors(out, sharp) < 0.7 * errors(spread, sharp)
+
+
+def test_pits_that_end_at_zero_count_however_small_they_are():
+    block, _, setting, _ = simulated("square")
+    grid = np.float32(np.meshgrid(np.arange(0.5, 158), np.arange(0.5, 158)))
+    rung = np.stack(
+        [cv2.remap(b, *grid, cv2.INTER_LANCZOS4) for b in block - np.percentile(block, 1, (1, 2))[:, None, None]]
+    )
+    rough = np.full(8, np.median(rung))  # of the noise: five times this is more than the water
+    assert ringing(sampled(rung + 1000)[1], rough) == ()
+    assert len(ringing(sampled(np.maximum(rung, 0))[1], rough)) == 8

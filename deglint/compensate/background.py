@@ -42,8 +42,8 @@ HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation
 RAISED = 4.0
 """Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
 PIT_K, MOST_PITS = 5.0, 3e-4
-"""A pit is a pixel that is darker than the water around it by `PIT_K` standard deviations of noise. An image has
-ringing if the share of pits exceeds `MOST_PITS` in every band; for normal noise it is 3e-7."""
+"""A pit is a pixel that is darker than the water around it by `PIT_K` standard deviations of noise, or not above
+zero. An image has ringing if the share of pits exceeds `MOST_PITS` in every band; for normal noise it is 3e-7."""
 PIT_SIDE = 9  # side of the window for the water around a pit [pixel]; ringing extends over 2 or 3 pixels
 
 
@@ -140,7 +140,7 @@ class Background:
     sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
     limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
-    caps: tuple[tuple[float, float], ...] = ()  # with ringing: largest value of water, and noise, of each band
+    caps: tuple[float, ...] = ()  # with ringing: largest value of water in each band
     reach: int = 0  # radius of the widest PSF [pixel]
     cut: tuple[float, ...] = ()  # decrease of each band's mean where noise is replaced [scene's unit]
 
@@ -161,8 +161,7 @@ class Background:
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
-            parts = zip(state.image, self.caps, strict=True)
-            source = np.stack([np.maximum(b, around(b, cap) - np.float32(s)) for b, (cap, s) in parts])
+            source = np.stack([np.maximum(b, around(b, cap)) for b, cap in zip(state.image, self.caps, strict=True)])
         return source, np.stack([opening(b, self.size) for b in source])
 
     def details(self, source: Float32, level: Float32) -> Float32:
@@ -232,19 +231,20 @@ def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 
 
-def ringing(sample: Sample, sigma: Float64) -> tuple[tuple[float, float], ...]:
-    """The largest value of water without glint and the standard deviation of noise, as a pair for each band, if the
-    image has ringing. Without ringing, the result is empty.
+def ringing(sample: Sample, sigma: Float64) -> tuple[float, ...]:
+    """The largest value of water without glint in each band if the image has ringing; else the result is empty.
 
     Resampling leaves negative lobes (pits) beside sparkle (ringing), and an erosion would widen them. Dark objects are
     darker than the water, too, but not in all bands, as water hides them in some. So an image has ringing if every band
-    has pits in more than a share `MOST_PITS` of its pixels. `sigma`, (band,), is the standard deviation of noise.
+    has pits in more than a share `MOST_PITS` of its pixels. In a dark band they end at zero, and may differ less from
+    the water around. `sigma`, (band,), is the standard deviation of noise.
     """
     caps, least = [], 1.0
     for b, s in enumerate(sigma):
         planes = [state.image[b] for state in sample.states]
-        cap = float(np.percentile(sample.values(planes), 30)) + 3 * float(s)  # water, where glint covers up to 70 %
-        below = sample.values([around(p, cap) - p for p in planes])
-        least = min(least, float((below > PIT_K * s).mean()))
-        caps.append((cap, float(s)))
+        values = sample.values(planes)
+        cap = float(np.percentile(values, 30)) + 3 * float(s)  # water, where glint covers up to 70 %
+        below = sample.values([around(p, cap) for p in planes]) - values
+        least = min(least, float(((below > PIT_K * s) | ((values <= 0) & (below > 0))).mean()))
+        caps.append(cap)
     return tuple(caps) if least > MOST_PITS else ()
