@@ -237,7 +237,7 @@ def test_pits_beside_sparkle_are_found_in_resampled_images_only():
 
 
 def test_pits_that_end_at_zero_count_however_small_they_are():
-    block, _, setting, _ = simulated("square")
+    block, *_ = simulated("square")
     grid = np.float32(np.meshgrid(np.arange(0.5, 158), np.arange(0.5, 158)))
     rung = np.stack(
         [cv2.remap(b, *grid, cv2.INTER_LANCZOS4) for b in block - np.percentile(block, 1, (1, 2))[:, None, None]]
