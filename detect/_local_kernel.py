@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Fill out[k] with the sum of values[k + m * step] for m = 0 to width - 1; `values` and `spare` are overwritten."""
+    """Set out[k] to the sum of values[k + m * step], m < width, where they exist; all are (n,); changes the inputs."""
     done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:

@@ -154,7 +154,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Check that each stage comes after the stages whose results it needs; if not, raise InputError."""
+    """Check that each stage has what it needs before it (psf: what uses it, after it); if not, raise InputError."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]

@@ -174,8 +174,8 @@ class Excess:
         return np.stack([(r.ravel()[places] - m.ravel()[places]) / np.float32(w) for r, m, w in lit])
 
     def peaks(self) -> Mask:
-        """Mask (row, column) of possible peaks of targets. Such a pixel is lit (`EXCEEDS`), and near the maximum of 3 x
-        3 pixels, in at least three bands, of which one is in the earlier half and one in the later half of the bands.
+        """Mask (row, column) of possible peaks of targets. Such a pixel is lit (`EXCEEDS`), with nearly the largest
+        excess of its 3 x 3 pixels (`SAME_PEAK`), in at least three bands, of which one is in each half of the bands.
         """
         import cv2
 

@@ -242,7 +242,7 @@ def _resolved(fitted: Fitted) -> dict[str, Any]:
 
 
 def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[str, str]:
-    """Reasons why water was not searched (key "water mask"), and why bands were not corrected (key: band name)."""
+    """Reasons why water was not searched for (key "water mask"), and why bands were not corrected (key: band name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
         out["water mask"] = "not asked for: every valid pixel is corrected"

@@ -80,7 +80,7 @@ class Mission(Checked):
         Wind speed [m/s], azimuth from which the wind blows [degree], and height at which it is measured [m].
     air : Air, optional
         State of the atmosphere. Its field `wind` is ignored: the wind of the mission at 10 m is used. By default, the
-        mean wind has this value, too, humidity is 80 %, water vapour 2.5 cm, visibility 40 km, and ozone has its
+        `wind_mean` has this value, too, humidity is 80 %, water vapour 2.5 cm, visibility 40 km, and ozone has its
         climatological value for the place and day (300 DU without a place).
     chlorophyll : float
         Chlorophyll of the case-1 water [mg m-3].

@@ -216,7 +216,7 @@ class FlatField:
     row_gradient: float = 0.0  # a row is too bright by the factor 1 + row_gradient * row
 
     def apply(self, raw: npt.NDArray[Any], window: Window, nodata: float | None) -> None:
-        """Correct the file values `raw` (row, column) of a window in place, except values that equal `nodata`."""
+        """Correct file values `raw`, float (row, column), of a window in place, except values that equal `nodata`."""
         (top, bottom), (left, right) = window
         rows = np.arange(top, bottom, dtype=np.float64)[:, np.newaxis]
         columns = np.arange(left, right, dtype=np.float64)

@@ -166,10 +166,10 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 
 
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
-    """Common name and properties of each band of an asset; `file` is the GDAL name of its file.
+    """Common name ("" if none) and properties of each band of an asset; `file` is the GDAL name of its file.
 
-    They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). A band without a
-    name gets the name `key`. If `applied`, the provider has already applied the offset, and the returned offset is 0.
+    They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
+    missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]

@@ -162,7 +162,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: predicted NIR."""
+    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: glint of all bands."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 

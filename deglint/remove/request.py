@@ -106,7 +106,7 @@ def linear_model(
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
-    """Raise FitError if the sample has too few pixels, the NIR does not vary in it, or squares of values overflow."""
+    """Raise FitError if the sample has too few pixels, the NIR does not vary, or squares over- or underflow."""
     if stats.regressed.n < MIN_PIXELS:
         raise FitError(
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "

@@ -194,7 +194,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return pixel counts, highest scores, and for "sea" ALONGSIDE and ATTACHED pixels."""
+    """Score and write all tiles; return pixel counts, highest scores, and pixels of `sea.ALONGSIDE`, `sea.ATTACHED`."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
