@@ -61,7 +61,7 @@ class Order:
     reads: tuple[str, ...] = ()  # further input files, such as the recipe, which no output may replace
 
     def request(self) -> str:
-        """Checksum of everything on which the results depend, apart from the scenes; the same for equal orders."""
+        """SHA-256 (hexadecimal) of the options but `directory` and `reads`, and of mask, sample and sensor files."""
         read = files_behind([self.recipe.sample, self.recipe.mask, str(self.opening.get("sensor"))])
         files = {path: fingerprint(path)["crc32"] for path in read}
         said = asdict(replace(self, directory=Path(), reads=())) | {"files": files}
@@ -71,7 +71,7 @@ class Order:
 def read_order(path: str, directory: str | None = None) -> Order:
     """Read a recipe file, TOML with the tables of `Order`; a given `directory` replaces the file's output directory.
 
-    Raises ReadError if there is no such file, and InputError if it is not TOML or has a name or value that is not
+    Raises ReadError if the file cannot be read, and InputError if it is not TOML or has a name or value that is not
     allowed, such as an output directory above the current one.
     """
     document = read_toml(path, "recipe")
@@ -165,7 +165,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before it is processed, and the reason; "failed" if outputs exist that the job did not make."""
+    """Status of a scene before it is processed, and why; "failed" if its outputs are altered or from another job."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -194,10 +194,10 @@ def run_batch(
     """Remove glint from many scenes and return the outcome of each, in the order of `scenes`.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are
-    divided evenly). `overwrite` replaces existing outputs that do not come from this recipe and these inputs; finished
-    scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with each outcome. Before
-    any scene is processed, the function raises InputError if an output would replace another output or an input, and
-    WriteError if the directory of the outputs is not writable or is used by another batch.
+    divided evenly). `overwrite` replaces existing outputs that were altered, or do not come from this recipe and
+    these inputs; finished scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with
+    each outcome. Before any scene is processed, the function raises InputError if an output would replace another
+    output or an input, and WriteError if the output directory is not writable or is used by another batch.
     """
     jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
@@ -230,7 +230,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs on `count` processes with `threads` threads each; call `ended` with number and outcome of each job."""
+    """Run jobs on `count` processes, `threads` threads each; call `ended` with key in `todo` and outcome of each."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 

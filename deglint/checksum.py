@@ -48,7 +48,7 @@ class Checksum:
         return self._found
 
     def changed(self) -> str | None:
-        """Path of the first file that was modified, added or removed since this object was made; None if none was."""
+        """Path of the first file (not .aux.xml, .ovr) changed, added or removed since this object was made, or None."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
         for path in {**self._before, **after}:
@@ -67,7 +67,7 @@ class Checksum:
 
 
 def fingerprint(path: str | Path) -> dict[str, Any]:
-    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; None if it cannot be read."""
+    """Size [byte], modification time [ns] and CRC-32 (8 hexadecimal digits) of a file; all None if unreadable."""
     stamp = _stamp(path)
     if stamp is not None:
         crc, room = 0, memoryview(bytearray(min(_CHUNK, stamp[0] + 1)))

@@ -38,7 +38,7 @@ class Cluster:
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Call `work` on every tile and yield (tile, result) in order; for threads, `deglint.tiles.run` does the same.
 
-        Raises DeglintError if the work itself has failed, no worker is left, or a worker has too little memory.
+        Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a worker lacks memory.
         """
         import cloudpickle
 
@@ -107,8 +107,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
         Memory limit of each local process, such as "1GiB"; "auto" divides the machine's memory among them. A process
         above its limit is killed, and its tiles are repeated.
 
-    Raises InputError unless exactly one of `address` and `workers` is given, and DeglintError if `distributed` is not
-    installed, or no scheduler or worker is reached.
+    Raises InputError if an argument is malformed, or not exactly one of `address` and `workers` is given; DeglintError
+    if `distributed` is not installed, or no scheduler or worker is reached.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """Unpickle the function that processes tiles; the result is cached, so each worker process does this only once."""
+    """Unpickle the function that processes tiles, and limit libraries to one thread; cached: once for each process."""
     import cloudpickle
     import cv2
     from threadpoolctl import threadpool_limits

@@ -25,8 +25,8 @@ class BandError(InputError, LookupError):
 
 
 class FitError(DeglintError, ValueError):
-    """The sample does not allow a fit: too few pixels, or no variation."""
+    """The sample does not allow a fit, for example because it has too few pixels or no variation."""
 
 
 class NoWaterError(DeglintError, ValueError):
-    """The scene was read, but contains no usable water."""
+    """The scene was read, but contains no usable water, or too few valid pixels."""

@@ -101,7 +101,7 @@ class CellMoments(NamedTuple):
         return out
 
     def _pairs_merged(self, level: int) -> CellMoments:
-        """Merge pairs of cells in the same row and the same group of 2**level columns of cells; copy single cells."""
+        """In each row, merge the two cells in each group of 2**level columns; copy single ones. `self` is row-major."""
         groups = self.keys >> np.array([0, level])
         first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
         both = self.where(np.stack([first, first + 1], axis=1).ravel())
@@ -148,7 +148,7 @@ def cell_moments(
     cell : side of a cell [pixel]
 
     Returns the cells with at least one pixel that counts. The cost is one read of the block and (variables + 1)^2 / 2
-    multiply-adds per pixel.
+    multiply-adds per pixel. Raises InputError if the block is not three-dimensional, or the mask has another shape.
     """
     block = np.asarray(block)
     if block.ndim != 3:
@@ -203,7 +203,7 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
-    """Moments of the pixels of a cell, (variable, row, column), for which the mask `inside` (row, column) is True."""
+    """Moments of finite pixels of a cell (variable, row, column) where `inside` (row, column; None: all) is True."""
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
         one = _one_pass(x)

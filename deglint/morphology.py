@@ -35,7 +35,7 @@ def eroded(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
 
 
 def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
-    """The mask (row, column), opened: True in all squares of `side` x `side` pixels in which the mask is all True."""
+    """Opened mask (row, column): True in squares of side `side`, cut off at the image's edges, that are all True."""
     import cv2
 
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)

@@ -33,7 +33,7 @@ def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
 
 
 def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Read 0-based bands of a source of `shape` (band, row, column), as at most `LONGEST_PICTURE` rows and columns."""
+    """Read every n-th row and column, at most `LONGEST_PICTURE`, of 0-based bands; `shape` is (band, row, column)."""
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
     side = step * max(1, AT_ONCE // step)

@@ -155,8 +155,8 @@ class Scene:
 
         Raises
         ------
-        BandError, ReadError
-            If a band is not in the scene, or if the file cannot be read.
+        InputError, ReadError
+            If a band (BandError) or part of the window is not in the scene, or if the file cannot be read.
         """
         window = window or ((0, self.height), (0, self.width))
         indexes = range(len(self.bands)) if bands is None else [self.index(b) for b in bands]

@@ -100,7 +100,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least, or `side` if it is too large."""
+    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least; if that is too large, `side`."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step

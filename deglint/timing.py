@@ -14,7 +14,7 @@ class Reporter:
         self._stage, self._first, self._begun, self._said = "", 0, 0.0, 0.0
 
     def left(self, stage: str, done: int, total: int) -> str:
-        """Remaining time of a stage as text, from the mean rate since its first report; empty at the first report."""
+        """Remaining time of a stage as text, from the mean rate since its first report; empty until `done` grows."""
         now = time.monotonic()
         if stage != self._stage or done <= self._first:
             self._stage, self._first, self._begun, self._said = stage, done, now, now

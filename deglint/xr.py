@@ -108,7 +108,7 @@ def apply(
     Raises
     ------
     InputError, BandError, NoWaterError
-        If the bands or the type of the array do not match the fit, or no water is found.
+        The bands do not match the fit, an argument is not allowed, or there is no water; DeglintError without xarray.
     """
     need_xarray()
     opened = open_array(array, **reading)
@@ -149,7 +149,7 @@ def remove(
     ----------
     array : DataArray or Dataset
         A Dataset has one variable for each band, as odc-stac gives it, or variables with a dimension band. Each entry
-        of a further dimension, such as time, is processed as a separate scene.
+        of a further dimension, such as time, is processed as a separate scene; one without water is copied.
     recipe, dtype, threads, sensor, nodata
         As in `fit` and `apply`.
 
@@ -197,7 +197,7 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
 
 
 def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on each variable that has a band dimension; if none has one, on all variables stacked as bands."""
+    """The Dataset after `work` on each variable with a band dimension or, if none has one, on all stacked as bands."""
     deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
     if deep:
         return dataset.assign({n: work(dataset[n]) for n in deep})
@@ -213,7 +213,7 @@ def stack(dataset: Any) -> Any:
     Raises
     ------
     InputError
-        If the variables differ in their dimensions.
+        If the variables differ in their dimensions, or none has two or more.
     """
     names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:

@@ -155,7 +155,7 @@ def fit(
     Raises
     ------
     FitError
-        Fewer than two pixels are valid, or the squares of the values exceed the range of double precision.
+        Fewer than two pixels are valid (for "mcd": in the sample), or the squares of values exceed double precision.
     InputError
         The value of `covariance` or `ridge` is not allowed, or the shapes of image and mask differ.
     """
@@ -225,7 +225,7 @@ def check_rule(covariance: str, ridge: float) -> None:
 
 
 def as_image(image: Array) -> Array:
-    """Convert an image to an array. Raises InputError if it is not (band, row, column), or not of real numbers."""
+    """Convert an image to an array. Raises InputError if it is not (band, row, column) with a band, of real numbers."""
     image = np.asarray(image)
     if image.ndim != 3 or not len(image):
         raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")

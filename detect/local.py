@@ -78,13 +78,13 @@ def local_rx(
     Parameters
     ----------
     image : (band, row, column) ndarray
-        Any real type, any units.
+        Any real type, any units; pixels with NaN or infinity in any band are not valid.
     inner, outer : int
         Sides of the guard and of the window [pixel], odd, inner < outer. The ring is the window without the guard.
     mask : (row, column) bool ndarray, optional
         True where a pixel is used. The other pixels are in no ring, and their score is NaN.
     flags : (row, column) uint8 ndarray, optional
-        Output array. It is filled with 0 for an ordinary score, or with a key of `STATES`.
+        Output array. It is filled with 0 for an ordinary score or an invalid pixel, or with a key of `STATES`.
     threads : int
         Number of threads. The result does not depend on it.
     **options
@@ -102,7 +102,7 @@ def local_rx(
     Raises
     ------
     InputError
-        `inner` and `outer` are not allowed, the window is too large for the border rule, or the shapes differ.
+        A parameter is not allowed, the window is too large for the border rule, or the shapes differ.
 
     Examples
     --------

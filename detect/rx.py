@@ -66,7 +66,7 @@ def detector(method: str, background: Background, *, drop: int = 1, nir: Sequenc
     """Make a detector from a background; `method` is a key of `METHODS` that has `matrices`.
 
     "subspace" leaves out `drop` leading eigenvectors; "residual" regresses other bands on the bands `nir` (0-based).
-    Raises InputError if no eigenvector or band is left, and FitError if no band of the background varies.
+    Raises InputError if `method`, `drop` or `nir` is not allowed, and FitError if no band of the background varies.
     """
     known = {name: kind.matrices for name, kind in METHODS.items() if kind.matrices}
     check_choice(method, list(known), "method")

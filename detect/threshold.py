@@ -195,7 +195,7 @@ def fast_p_value(scores: Array, bands: int, n: int | None = None) -> Float64:
 def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by rank: the lowest score that is exceeded by at most the fraction `pfa` of all scores.
 
-    NaN is ignored. Raises InputError if there are fewer than 1 / `pfa` valid scores, or a `Tail` keeps too few of them.
+    Raises InputError if `pfa` is outside 0 to 1, a score is infinite, or too few are valid (below 1 / `pfa`) or kept.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -217,8 +217,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
 def from_tail(scores: Array | Tail, pfa: float) -> Threshold:
     """Threshold by `from_gpd`, or by `from_quantile` if the distribution cannot be fitted or the tail contains objects.
 
-    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects. The quantile is used if at least
-    10 scores exceed it. Raises InputError if `pfa` is outside 0 to 1, too high for a tail, or too low for a quantile.
+    A fitted shape of 1 or more (no mean exists) shows that the tail contains objects; yet the fit is kept if fewer than
+    10 scores exceed the quantile. Raises InputError as `from_gpd` does, and, if the quantile is used, `from_quantile`.
     """
     try:
         found = from_gpd(scores, pfa)
@@ -237,8 +237,8 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     k of n scores x exceed u, the start of the tail: P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
     its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `Threshold.numbers` holds the
-    parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid or `pfa`
-    is out of range, and FitError if too few scores of the tail differ or the tail ends abruptly.
+    parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid, one
+    is infinite, or `pfa` is out of range, and FitError if too few scores of the tail differ or the tail ends abruptly.
     """
     _check(pfa)
     tail = _tail(scores, pfa)
@@ -336,7 +336,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
-    """Convert scores to a `Tail` that is long enough for the rate `pfa`. Raises InputError if no score is valid."""
+    """Convert scores, unless a `Tail`, to a tail long enough for `pfa`. Raises InputError if no score is valid."""
     if not isinstance(scores, Tail):
         scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:

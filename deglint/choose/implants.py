@@ -63,7 +63,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
 
 
 def discs(inside: Mask, bands: Sequence[Band], level: Float32, width: float, seed: int) -> Float32:
-    """Discs as those of `implants`, from the same arguments, to be added to a tile, (band, row, column)."""
+    """Discs like those of `implants`, from the same arguments but at other places, to be added, (band, row, column)."""
     pattern = _discs(inside, width, np.random.default_rng((SEED, seed)))
     return np.asarray(_submerged(bands, level)[:, None, None] * pattern, np.float32)
 

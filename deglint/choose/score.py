@@ -16,7 +16,7 @@ glint. The second is too small if shallow bottoms, which look like glint in the 
 mean of both minima, or the first if that is smaller. S is at least the texture that glint cannot explain, because the
 NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also a small g, so its E
 is not small. The few tiles may lack some signals. Therefore two losses are added to E: the loss of a weak signal at
-each scale, and the loss of objects of a typical contrast that cover a hundredth of the scene.
+each scale but the coarsest, and that of objects and plumes of typical contrasts, each on a hundredth of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
@@ -34,8 +34,8 @@ from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
 
 SHARE = 0.01  # assumed share of a scene that objects cover, and that plumes cover
 SIGNAL = 0.05
-"""Root mean square of a signal that is assumed at every scale besides the signal S, relative to the water: the weakest
-that an analyst sees in an image without glint. Sample tiles are few, and may not contain the objects of interest."""
+"""Root mean square of a signal that is assumed besides S at all scales but the coarsest, relative to the water: the
+weakest that an analyst sees in an image without glint. Sample tiles are few, and may lack the objects of interest."""
 ZERO_GAIN = 0.05  # lower limit of a gain as a divisor: the uncertainty of a gain that is estimated from a few tiles
 HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
 EDGES = 0.5  # assumed share of edges in the scene's own signal, the rest is texture: neither is known to prevail
@@ -100,7 +100,7 @@ def least_signal(
 
 
 def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
-    """Mask of each tile, (band, scale, row, column), of the pixels with the least glint around them.
+    """Mask of each tile, (band, scale, row, column), of the tenth of its pixels with the least glint around them.
 
     `glint` (band, row, column) and `inside`, as in `powers`, are given for each tile. The coarsest scale has no mask.
     """
@@ -151,7 +151,7 @@ def level_excess(
 def expected_errors(
     power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0, edges: float = 0.0
 ) -> Float64:
-    """Expected root mean square error of the result of each recipe, (recipe,) [water level].
+    """Expected root mean square error of the result of each recipe, (recipe,) [water level]; without `level_excess`.
 
     power, clear : (recipe, scale): `powers` of the result over all pixels, and over the pixels with the least glint
     gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves

@@ -129,7 +129,7 @@ def choose(
     fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
-    """Try candidate recipes on sample tiles, and choose the one with the least expected error.
+    """Try candidate recipes on sample tiles, and choose by `_best`; with too few pixels to try any, choose "wiener".
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def choose(
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """The simplest of equally good candidates, or the copy if none is clearly better; `delayed` is as in `Setting`."""
+    """Simplest of equally good trials, or copy if none is much better; unless `delayed`, openings cost `REPLACING`."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -268,8 +268,8 @@ def _too_small(sample: Sample) -> bool:
 
 
 def without_ships(sample: Sample) -> Sample:
-    """The sample without ships (pixels far brighter than the water around): a recipe that erases ships would get too
-    small an expected error. This is for coarse pixels only, as in fine pixels sparkle is as bright as ships.
+    """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
+    ships would get too small an expected error. For coarse pixels only, as in fine ones sparkle is as bright as ships.
     """
     import cv2
 

@@ -185,7 +185,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """Provide the Dask cluster that the options select, or None; after the `with` block, log its workers' memory."""
+    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end."""
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:

@@ -42,7 +42,7 @@ PLACES = {"time": "place.time", "pressure": "air.pressure", "water": "water.mode
 
 
 def number(option: str, place: str, unit: str, said: str) -> Callable[..., Any]:
-    """Make an option that takes a number [unit] with help text `said`; `place` is its "table.key" in a mission file."""
+    """Make an option that takes a number [unit], with help text `said`; add its `place`, "table.key", to `PLACES`."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=float, metavar=unit, help=said)
 
@@ -154,7 +154,7 @@ def plan(**given: Any) -> None:
 
 
 def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Convert the options that the user gave to tables of a mission file, such as {"wind": {"speed": 7.0}}."""
+    """Convert options to tables of a mission file, such as {"wind": {"speed": 7.0}}; UsageError if they conflict."""
     if given["place"]:
         if given["lat"] is not None or given["lon"] is not None:
             raise click.UsageError("give --place, or --lat and --lon, not both.")
@@ -175,7 +175,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _assumed(given: dict[str, Any], tables: dict[str, dict[str, Any]], mission: Any) -> list[str]:
-    """Lines for the log: times and winds that are assumed because no option gives them, and warnings of the mission."""
+    """Lines for the log: times, time zones and winds that are assumed as none is given, and warnings of the mission."""
     out = [f"time: now, {mission.moment}Z."] if mission.sun_zenith is None and mission.time is None else []
     spans = [given["start"], given["end"]] if given["start"] else [mission.time]
     texts = [str(time).strip() for time in spans if mission.sun_zenith is None and time is not None]

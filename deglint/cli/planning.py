@@ -47,7 +47,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set a mission's time: in mode `over_time` when the sun is highest; in `page`, if not given, the next daylight.
+    """Set a mission's time: in `over_time` that of its times with highest sun; in `page`, if none, the next daylight.
 
     Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """

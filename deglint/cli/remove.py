@@ -142,7 +142,7 @@ def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
 
 
 def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
-    """Open the scene and fit the recipe; print which files would be written, and their size before compression."""
+    """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
     import numpy as np
 
     from ..pipeline import fit_scene, load_model

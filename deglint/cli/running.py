@@ -158,8 +158,8 @@ class Console(logging.Handler):
     """Logging handler that prints log lines on stderr, and on a terminal a progress line with the remaining time.
 
     The library logs to `LOGGERS` and their children, and installs no handler. A command installs this handler within a
-    `with` block; scripts and notebooks install their own. `given` holds the options of the command, with "verbose"
-    (number of -v) and "quiet". Without these two, messages of `level` and above are shown.
+    `with` block; scripts and notebooks install their own. `given` has the options of the command: with "quiet"
+    only errors are shown, with "verbose" (number of -v) all messages, without both those of `level` and above.
     """
 
     def __init__(self, given: dict[str, Any], level: int = logging.INFO) -> None:

@@ -23,7 +23,7 @@ SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Parse the size of an image: rows and columns [pixel] from "512" (a square) or "ROWSxCOLUMNS"."""
+    """Parse the size of an image: rows and columns, 8 to 16384 [pixel], from "512" (a square) or "ROWSxCOLUMNS"."""
     rows, columns = (int(part) for part in (text.lower() if "x" in text.lower() else f"{text}x{text}").split("x"))
     if not all(LEAST_SIDE <= side <= MOST_SIDE for side in (rows, columns)):
         raise click.BadParameter(f"a side must be {LEAST_SIDE} to {MOST_SIDE} pixels, got {rows} x {columns}.")
@@ -163,7 +163,7 @@ def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:
-    """For each scene that the options describe, the path of its files without ending, and its `Setup`."""
+    """Path without ending, and `Setup`, of each scene of the options; UsageError for several scenes without --grid."""
     from ..physics.presets import preset
     from ..simulate import Artefacts, Bottom, FloatingTarget, Setup, thesis_array, whitecaps
     from ..simulate.setup import DELAYS, WINDS, experiments

@@ -2,8 +2,8 @@
 
 A linear removal predicts the glint of each band from the NIR. A chain is a sequence of stages (`STAGES`) that process
 the image before and after the removal. `fit_chain` fits a chain to a sample of a scene; `apply_chain` applies it to a
-block of pixels with a halo. This package works on arrays. It does not deal with files, tiles, threads, water masks or
-logging.
+block of pixels with a halo. This package works on arrays. It does not read files, find water, make tiles,
+start threads or log.
 """
 
 from .background import Background

@@ -171,7 +171,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) before `offsets` are added: openings by a square plus outline detail."""
+        """Background (band, row, column) without offsets: square openings plus outline detail, blurred after `psf`."""
         import cv2
 
         source, level = self.opened(state)

@@ -30,8 +30,8 @@ class FittedChain:
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
     """Fit the stages and the removal of a chain to a sample; `text` is the chain as in `parse` ("remove": no stages).
-    `setting` has properties of the scene; `fit_removal` fits the removal. Raises FitError if the sample is too small,
-    and InputError if a stage lacks what it needs.
+    `setting` has properties of the scene; `fit_removal` fits the removal. Raises FitError if a fit fails, such as
+    with too small a sample, and InputError if `text` is not a chain or a stage lacks what it needs.
     """
     steps = parse(text)
     place = [s.name for s in steps].index("remove")

@@ -29,7 +29,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Identi
     The standard deviation is estimated from the values x below the median m, as glint only adds light: ``1.4826
     median(m - x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408). It is at least the standard
     deviation of noise. A threshold is at most the saturation value, from `setting` or the sample. The method fails
-    where glint covers half of the pixels, as the median is then glint.
+    where glint covers half of the pixels, as the median is then glint. Raises FitError if the sample is too small.
     """
     k = K if number is None else number
     unit = sample.states[0].unit

@@ -28,7 +28,7 @@ class Median:
         return self.largest // 2
 
     def apply(self, state: State) -> State:
-        """Replace glint pixels; a pixel with too few glint-free pixels in the largest window keeps its value."""
+        """Replace glint where the largest window has enough glint-free pixels. InputError if `state.glint` is None."""
         if state.glint is None:
             raise InputError("median needs glint to be identified: name identify-median or identify-level before it.")
         values, filled = state.image.copy(), np.zeros_like(state.glint)

@@ -46,7 +46,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
 
     If more than `number` percent of the pixels are glint, the mode is used instead; by default it is never used. With
     glint, the median is too high, so that the normalised band is too low. This partly compensates for the glint in a
-    band whose values replace those of another band. Raises FitError if a band has no positive level.
+    band whose values replace those of another band. Raises FitError if the sample is small, or a level not positive.
 
     References
     ----------

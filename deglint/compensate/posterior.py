@@ -185,9 +185,9 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Flo
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
-    """Fit the stage: measure the glint that is left in a sample after the removal. `setting` describes the scene.
-
-    `number` is the width of a clump of glint [pixel]; by default it is measured in the first NIR band.
+    """Fit the stage: measure the glint that is left in a sample after the removal. `setting` describes the scene;
+    `number` is the width of a clump of glint [pixel], by default as measured in the first NIR band. Raises InputError
+    if there was no removal, and FitError if the sample is too small.
     """
     corrected = [b for b in range(len(setting.bands)) if any(_taken(s)[b].any() for s in sample.states)]
     left = tuple(left_over(b, sample) for b in corrected)

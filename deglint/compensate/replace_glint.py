@@ -17,7 +17,7 @@ class ReplaceLevel:
     halo: ClassVar[int] = 0
 
     def apply(self, state: State) -> State:
-        """Set glint pixels to the background at the same pixel (`State.background`), and mark them as replaced."""
+        """Set glint pixels to `State.background`, and mark them as replaced. Raises InputError without a background."""
         if state.background is None or state.glint is None:
             raise InputError("replace-level needs a level: name identify-level before it.")
         return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
@@ -36,7 +36,7 @@ class ReplaceBands:
     order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
-        """Replace glint, and no longer mark it; pixels with glint in every band are not changed, and stay marked."""
+        """Replace and unmark glint, except where all bands have glint. Raises InputError if glint is not identified."""
         if state.glint is None:
             raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
         values, found = nearest_clean(state.image, state.glint, self.order)
@@ -67,7 +67,7 @@ def nearest_clean(image: Float32, glint: Mask, order: tuple[tuple[int, ...], ...
 
 
 def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -> ReplaceBands:
-    """Make the stage `replace-bands`; nearest bands are those in wavelength or, if it is not known, in the file."""
+    """Make the stage `replace-bands`; nearest bands are those in wavelength or, if one is not known, in the file."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
     count = range(len(place))

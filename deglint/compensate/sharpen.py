@@ -72,7 +72,7 @@ class Sharpen:
         return np.stack([richardson_lucy(b, p, self.iterations, f) for b, p, f in parts])
 
     def apply(self, state: State) -> State:
-        """Store the deconvolved bands in `State.sharp`; the image is not changed."""
+        """Store the deconvolved bands in `State.sharp`, and the PSFs in `State.psfs`; the image is not changed."""
         return replace(state, sharp=self.sharp(state), psfs=self.psfs)
 
 
@@ -89,8 +89,8 @@ class SharpenImage(Sharpen):
 
 def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
     """Make a stage of class `kind` with the PSFs in `setting`; `number` is the number of iterations, 2 by default.
-
-    Lower limits of the sharpened values come from `sample`. Raises InputError if the PSFs are not known.
+    The lower limits `floors` are a thousandth of the median of each band in `sample`. Raises InputError if the PSFs are
+    not known, FitError if the sample is too small.
     """
     if setting.psfs is None:
         raise InputError(

@@ -123,7 +123,7 @@ def brightness(e: Float32) -> Places:
 
 
 def target_likelihoods(e: Float32, of_targets: list[Model]) -> tuple[Float32, Places]:
-    """Log likelihood of a target in each pixel, and index of the likeliest spectrum of the target, (pixel,) each.
+    """Log likelihood of a target with its likeliest spectrum, prior included, and the spectrum's index, (pixel,) each.
 
     e : (band, pixel), excess over the background divided by `Targets.light`
     of_targets : the models that `models` returns
@@ -155,7 +155,7 @@ def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast of targets, (band, pixel), at least 0, from excess `e` (band, pixel) and spectra `kind` (pixel,)."""
+    """Contrast of targets (band, pixel), at least 0; `e`, `of_targets` as in `target_likelihoods`, `kind` from it."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)
@@ -166,10 +166,10 @@ def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -
 def same_outline(patch: Float32) -> Float32:
     """Log likelihood ratio of target and sparkle, (pixel,), from the excess in 3 x 3 pixels, `patch` (pixel, 9, band).
 
-    A target has the same outline in all B bands: the patch is the product of one outline and one spectrum. The share of
-    the sum of squares that this product does not explain is modelled as the mean square of B - 1 normal variables. For
-    a target their variance is that of noise and blur, for sparkle `VARIED`. The band with the largest residual is
-    excluded at each of the 9 pixels, because sparkle beside a target affects single bands.
+    A target has the same outline in all B bands: the patch (excess divided by `Targets.light`) is the product of one
+    outline and one spectrum. The share of the sum of squares that this product does not explain is modelled as the mean
+    square of B - 1 normal variables. For a target their variance is that of noise and blur, for sparkle at least
+    `VARIED`. The band with the largest residual is excluded at each pixel, as sparkle beside targets affects one band.
     """
     patch = patch.astype(np.float64)
     power = (patch**2).sum(axis=(1, 2))

@@ -118,7 +118,7 @@ class Chain:
 def parse(text: str) -> tuple[Step, ...]:
     """Parse the text form of a chain into its steps; a missing "remove" is added at its end.
 
-    Raises InputError if a stage is unknown, has a wrong number, or comes without the stages that it needs.
+    Raises InputError for an unknown stage, a wrong number, a second "remove", or a stage at a wrong place (`_check`).
 
     >>> [step.name for step in parse("psf:2, identify-level:13, replace-level")]
     ['psf', 'identify-level', 'replace-level', 'remove']
@@ -154,7 +154,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Check that each stage has what it needs before it (psf: what uses it, after it); if not, raise InputError."""
+    """Raise InputError if a stage lacks what it needs before it, or after it (psf: identify-level; targets: remove)."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]
@@ -185,9 +185,9 @@ def apply_stages(state: State, stages: Sequence[Stage]) -> State:
 
 def fit_stages(steps: Sequence[Step], sample: Sample, setting: Setting) -> tuple[tuple[Stage, ...], Sample]:
     """Fit each stage to the sample as it is after the stages before it; return the fitted stages, and the sample after
-    them. `steps` do not contain "remove"; `setting` has properties of the scene.
+    them, in the unit of the scene. `steps` do not contain "remove"; `setting` has properties of the scene.
 
-    Raises FitError if the sample is too small, and InputError if a stage lacks what it needs.
+    Raises FitError if the sample does not allow a fit, and InputError if a stage lacks what it needs.
     """
     stages, states = [], sample.states
     for step in steps:

@@ -42,8 +42,8 @@ class State:
     @classmethod
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
-        Pixels that are not finite, or outside the mask `water` (row, column; None: all is water), get the values of the
-        nearest water pixel. Raises InputError if values exceed the range of float32.
+        Pixels not finite in a band, or outside the mask `water` (row, column; None: all is water), get the values of
+        the nearest water pixel. Raises InputError if values exceed the range of float32.
         """
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
@@ -58,7 +58,7 @@ class State:
 
 
 def in_scene_units(state: State) -> State:
-    """The state in the unit of the scene, as the removal needs it; pixels not replaced get the values as read."""
+    """The state in the unit of the scene. If it was normalised, pixels not replaced get the values as read."""
     if state.unit is None:
         return state
     image = state.image * state.unit[:, None, None]
@@ -109,7 +109,7 @@ class Setting:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """0-based bands in order of time; if times are not known, in order of wavelength, else of the file."""
+        """0-based bands in order of time; if times are not known, of wavelength, those without wavelength last."""
         by = self.wavelengths if self.offsets is None else self.offsets
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 

@@ -96,7 +96,7 @@ class Targets:
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets` to the contrast of targets; without a background, also subtract it from the image."""
+        """Set `State.targets`; without a background, also subtract it from the image. No change if `reason` is set."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)
@@ -199,8 +199,8 @@ class Excess:
     def scores(self) -> tuple[Float32, Float32, Kinds]:
         """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest of the
         target spectra, (row, column) each. They are computed at `peaks` and around them, and are 0 elsewhere. S is 0
-        where it is at most `LONE`. The score is the sum of S over 3 x 3 pixels. Where the sum exceeds ln(1 / `RATE`),
-        the log likelihood ratio of a common `outline` is added.
+        where it is at most `LONE`, fewer than three bands are lit, or pixels are `saturated`. The score is the sum of S
+        over 3 x 3 pixels; where it exceeds ln(1 / `RATE`), the log likelihood ratio of a common `outline` is added.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
@@ -234,9 +234,9 @@ class Excess:
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
         """Flat indices of pixels and contrast to restore there, (band, pixel); the arguments are results of `scores`.
-
         Up to two pixels beside a target, it is the contrast of the nearest pixel of the target times a factor, 0 to 1:
-        the second lowest, of all bands, of the ratios of excess to contrast.
+        the second lowest, of all bands, of the ratios of excess to contrast. On a target, the contrast is at most the
+        excess plus 3 times the noise.
         """
         import cv2
 
@@ -262,8 +262,8 @@ class Excess:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Targets:
     """Fit the stage to a scene: histograms of sparkle and the detection threshold. `setting` describes the scene.
 
-    Where targets cannot be distinguished from sparkle, the stage does nothing, and its `reason` says why. Where
-    `sample` has no background, the local mean is used. `number` is the false-alarm rate per pixel, 1e-5 by default.
+    If targets cannot be distinguished from sparkle, the stage does nothing; `reason` says why. Without background, the
+    local mean is used. `number`: false-alarm rate per pixel, default 1e-5. Raises FitError if the sample is too small.
     """
     t, w = setting.offsets, setting.wavelengths
     if t is None or not setting.delayed:
@@ -322,7 +322,7 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the pixels of the sample in which `stage` finds targets, also such as are dark in the NIR."""
+    """Share of the pixels of the sample in which `stage` finds targets, also those not lit in bands with dark water."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
@@ -342,7 +342,7 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """The stage with `tables`, `first` and `following`, from the histogram bins `q` (band, pixel) of sparkle.
     `t` is the time of each band [s]. The table for a step to the next band comes from the pairs of dark bands whose
-    delay is nearest to the delay of this step.
+    delay is nearest to the delay of this step. Dark bands start at `DARK_FROM`; if fewer than two do, all are used.
     """
     import cv2
 
@@ -375,7 +375,7 @@ def lasting_share(q: Places, stage: Targets) -> float:
 
 def steady(q: Places, stage: Targets) -> Mask:
     """Mask (step, pixel); a step leads from one band to the next in time. True where in this and all earlier steps the
-    bands are lit (see `Targets.lit`), and their histogram bins, in `q`, differ by at most 1.
+    second band is lit (`Targets.lit`), and the histogram bins of both, in `q` (band, pixel), differ by at most 1.
     """
     like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
     return np.logical_and.accumulate(like)

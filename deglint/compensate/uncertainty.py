@@ -58,7 +58,7 @@ def fit_replaced(
         [unit of the band]
     run : function that applies all stages to a state as read, and returns the new state
 
-    Returns one error for each band.
+    Returns one error for each band; it is that of noise if the trial replaced fewer than `FEWEST` pixels of the band.
     """
     water = [replace(s, raw=s.raw + o, image=s.image + o) for s, o in zip(after.states, objects, strict=True)]
     tried = [run(_trial(s)) for s in water]
@@ -85,7 +85,7 @@ def fit_replaced(
 
 
 def _trial(done: State) -> State:
-    """State for a trial: the image of `done`, a state after all stages, plus the glint removed half a block away."""
+    """State for a trial: image of `done` (after all stages) plus its glint in replaced pixels, moved half a block."""
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
@@ -107,7 +107,7 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
-    errors : result of `fit_replaced`, for pixels that were `replaced` by a background; empty if none were
+    errors : result of `fit_replaced`, for `replaced` and for other pixels; empty if the chain has no `identify-level`
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     for e in errors:

@@ -161,7 +161,7 @@ def _fit(
 
 
 class _View:
-    """The blocks (band, row, column) that are searched for water, and masks (row, column) of their valid pixels."""
+    """Blocks (band, row, column) with valid pixels, searched for water, and masks (row, column) of these pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
         valid = [valid_for(b, roles) for b in blocks]
@@ -190,9 +190,9 @@ class _View:
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        The vote is for water if NIR / visible is lower than that of white; `light`: red / green, NIR / green of white.
-        If red / green exceeds that of white, the pixel may be soil, town or brown water: the vote is 0 unless `brown`.
-        Means over squares of side `window` are compared, as bands with delays show sparkle in different pixels.
+        The vote is for water if NIR / visible is below that of white (`light`: its red / green, NIR / green). It
+        becomes 0 if the NIR is saturated or, unless `brown`, if red / green (in radiance also NIR / red) is above that
+        of white: soil, town, brown water. Compared are means over squares of side `window`, as delays move sparkle.
         """
         roles, (red, nir) = self.roles, light
         found = []
@@ -265,7 +265,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels may be boats: there is land, and not nearly all squares of sea have bright pixels."""
+        """Whether `bright` pixels may be boats: there is land, and squares of sea are few, or many lack such pixels."""
         if sum(int(s.sum()) for s in sea) == self.pixels:
             return False
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
@@ -387,7 +387,7 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
 
 
 def _emptiest(nir: FloatArray) -> float:
-    """NIR at the end of the gap above water: upper edge of the last histogram bin with (nearly) the fewest pixels."""
+    """Upper edge of the last histogram bin with (nearly) fewest pixels of sorted `nir`: end of the gap above water."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
     counts, edges = np.histogram(nir, GAP_BINS)

@@ -91,7 +91,7 @@ class _Local(NamedTuple):
 
 
 def away_from_shore(mask: Mask) -> Mask:
-    """Reduce a mask of water (row, column) to the pixels in squares of `SHORE` x `SHORE` pixels that are all water.
+    """Reduce a water mask (row, column) to squares of `SHORE` x `SHORE` pixels, cut off at edges, that are all water.
 
     >>> lake = np.zeros((20, 20), bool)
     >>> lake[2:14, 2:14] = lake[16:, :4] = True
@@ -177,7 +177,7 @@ def _spread(values: FloatArray) -> tuple[float, float]:
 
 
 def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule with weights, centre and step so that water (`masks`) spans 1024 grains from 5th to 95th percentile."""
+    """A rule whose 1024 grains span water (`masks`), 5th to 95th percentile. Raises FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -225,7 +225,7 @@ def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
     """Set in `sample` the distance of its pixels from all but water: the first of `DISTANCES` [pixel] that leaves at
-    least `ENOUGH` pixels, else the last. Also return the statistics of these pixels.
+    least `ENOUGH` pixels, else the last. Also return the statistics of these pixels. Raises FitError if there are none.
     """
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:
@@ -269,7 +269,7 @@ def _even(local: _Local, rule: SampleRule) -> Mask:
 
 
 def _darker_kind(level: Float64) -> Mask:
-    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it as long as it has two clear classes."""
+    """Mask (pixel,) of the darkest class of `level`: Otsu's threshold splits it up to 3 times if classes are clear."""
     dark = np.ones(level.shape, bool)
     for _ in range(3):
         threshold, separability = _otsu(level[dark])

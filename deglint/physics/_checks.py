@@ -33,7 +33,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
-    """Raise InputError if the number `value` is outside [low, high] or NaN; the other arguments are as in `within`."""
+    """Raise InputError if `value` is no number, NaN or outside [low, high]; the other arguments are as in `within`."""
     if np.isnan(within(name, value, low, high, unit, remedy)).any():
         raise InputError(f"{name} must be a finite number, got {value}; give one.")
 

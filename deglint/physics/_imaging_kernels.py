@@ -7,7 +7,7 @@ from ..jit import njit
 
 @njit(nogil=True, cache=True)
 def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type: ignore[no-untyped-def]
-    """Multiply the spectrum of a scene by an MTF, and add the rows that sampling at the pixels maps to one frequency.
+    """Multiply the spectrum of a scene by an MTF; average the rows that sampling at the pixels maps to one frequency.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
     columns // 2 + 1), of which rows `first` to `last` - 1 are filled. Each factor is a pair of arrays along the rows

@@ -15,7 +15,7 @@ def frequency(i: int, n: int, step: float) -> float:
 
 @njit(nogil=True, cache=True)
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
-    """Multiply `noise`, complex standard normal numbers (row, column), in place to get wave amplitudes [m].
+    """Multiply `noise` (row, column), complex with standard normal parts, in place to get wave amplitudes [m].
 
     Rows slab[0] to slab[1] - 1 are processed. `steps` are the steps of the wavenumber from row to row and from column
     to column [rad/m]. The contributions of the waves in each row to the variances of height [m2], east slope and north

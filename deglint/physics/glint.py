@@ -3,7 +3,7 @@
 The solar disk is assumed to be small, and only single reflections are modelled. The normal of the facet that glints
 then bisects the angle between the directions to the sun and to the sensor. The share of the pixel that glints follows
 from the probability density of slopes, without a sum over facets. Angles of sun and sensor are as seen from the
-target. In `sun_glint` the density of slopes follows from the wind; in the other functions it is an argument.
+target. `sun_glint` computes the density of slopes from the wind; `probability` and `radiance` take it as an argument.
 
 References
 ----------
@@ -158,7 +158,7 @@ def sun_glint(
     sun_zenith, sun_azimuth, view_zenith, view_azimuth : array_like
         Zenith angles and azimuths of the sun and of the sensor, from the target [degree]; see `facet`.
     wind : array_like
-        Wind speed at the reference height of the model [m/s]; `slopes.wind_at_height` converts to another height.
+        Wind speed at the reference height of the model [m/s], 0.1 to 20; `slopes.wind_at_height` converts a wind to it.
     wind_from : array_like
         Azimuth that the wind blows from [degree].
     model : str

@@ -41,7 +41,7 @@ def observe(
     Parameters
     ----------
     spectrum : (row, column // 2 + 1) complex ndarray
-        Spectrum from `transform`; the numbers of rows and columns of the fine grid are even multiples of `factor`.
+        Spectrum from `transform` of a fine grid whose rows and columns are multiples of `factor`, columns also of 2.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur the image, and the wavelength [nm].
     factor : int

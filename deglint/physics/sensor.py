@@ -44,7 +44,7 @@ class SensorBand:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Checked):
-    """Optics, detector and bands of a sensor.
+    """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError without bands.
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
     aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a pixel, 1 to 16.
@@ -98,9 +98,9 @@ class Sensor(Checked):
 def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
     """Return the wavelengths of all bands in steps of 1 nm, and a function that averages spectra over each band.
 
-    Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out. The wavelengths, (n,)
-    [nm], are those of the first band, then of the second, and so on. The function takes values (n, ...) at these
-    wavelengths, and returns their mean over each band, (band, ...).
+    Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out; each band must reach
+    into this range. The wavelengths, (n,) [nm], are those of the first band, then of the second, and so on. The
+    function takes values (n, ...) at these wavelengths, and returns their mean over each band, (band, ...).
 
     >>> wavelength, mean = band_means([SensorBand(name="green", low=540, high=542, full_scale=1.0)])
     >>> mean(wavelength).tolist()

@@ -128,10 +128,10 @@ def reflectance(
 
 
 def _panels(zenith: Array, variance_along: Array, variance_across: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield nodes and weights for an integral over the slopes along and across the direction of view.
+    """Yield `NODES` times slopes along the view (..., `NODES`), one slope across (..., 1), weights (..., `NODES`).
 
-    Each of `NODES` items is (slopes along, one slope across, weights). Slopes along are limited to facets that reflect
-    the sky, where the integrand is smooth. `zenith` is that of the sensor [degree]; variances are of both slopes [1].
+    These are the nodes of an integral over slopes up to 5 standard deviations, limited along to facets that reflect the
+    sky, where the integrand is smooth. `zenith` of the sensor [degree] and variances of slope [1] are (..., 1).
     """
     x, w = np.polynomial.legendre.leggauss(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)

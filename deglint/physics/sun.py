@@ -169,7 +169,7 @@ def _seconds(time: Any) -> Array:
 
 
 def _moment(time: Any) -> datetime:
-    """Convert one time to a datetime with a time zone, by default UTC; raise InputError if a str is not ISO 8601."""
+    """Convert a datetime or ISO 8601 text to a datetime with a time zone, by default UTC; else raise InputError."""
     try:
         moment = time if isinstance(time, datetime) else datetime.fromisoformat(time)
     except (TypeError, ValueError):

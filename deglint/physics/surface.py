@@ -99,7 +99,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     dkx and dky, with ``a = (r1 + i r2) sqrt(Psi(k) dkx dky) / 2``, standard normal r1 and r2, and the wave spectrum Psi
     [m4], so that the expected variance of the height is exactly the sum of ``Psi dkx dky``.
     Raises InputError if the grid has fewer than 8 x 8 points, if a side of it is shorter than the peak wavelength, or
-    if its step exceeds a quarter of the peak wavelength.
+    if its step is not above 0 m, or exceeds a quarter of the peak wavelength.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ def absorption_only_reflectance(
 
         T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H)
 
-    This is the fast model of Fink (2014), section 2.5, for comparison. Symbols, parameters and errors are as in
+    This is the fast model of Fink (2014), section 2.5, for comparison. Symbols and parameters are as in
     `submerged_reflectance`. Relative to the Monte Carlo simulation that is mentioned there, the contrast between object
     and water is 27 % too high on average; the error grows with depth.
     """

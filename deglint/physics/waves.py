@@ -75,7 +75,7 @@ class Sea(Checked):
 
 
 def omnidirectional(wavenumber: Floats, sea: Sea) -> Floats:
-    """Omnidirectional spectral density of height [m3] of `sea` at wavenumbers [rad/m].
+    """Omnidirectional spectral density of height [m3] of `sea` at wavenumbers [rad/m], with its `short_gain`.
 
     A frequency spectrum E(f) is converted by ``S(k) = E(f) dw/dk / (2 pi)``; w(k) includes surface tension.
     """

@@ -60,9 +60,9 @@ class Block:
     outer: Tile  # the tile with its halo
     raw: Any  # (band, row, column), file values of the tile
     valid: Any  # (band, row, column), mask of valid file values; None if all are valid
-    wide: Any  # (band, row, column), physical values in `outer`
+    wide: Any  # (band, row, column), physical values in `outer`; corrected in place unless `Correction.by_cells`
     water: Mask  # (row, column), pixels of `outer` that may be corrected
-    known: Mask  # (row, column), valid pixels of the tile
+    known: Mask  # (row, column), pixels of the tile that are valid in the index bands (with a chain: in all)
     where: Mask  # (row, column), pixels of the tile to correct: valid water
     changes: dict[int, Mask] = field(default_factory=dict)  # for each 0-based band that changed: where, (row, column)
     replaced: Mask | None = None  # (band, row, column), pixels that a chain has replaced
@@ -71,7 +71,7 @@ class Block:
 
     @property
     def own(self) -> Any:
-        """Physical values of the tile without its halo, (band, row, column)."""
+        """Physical values of the tile without its halo, (band, row, column), as a view of `wide`."""
         return self.wide[self.tile.within(self.outer)]
 
 
@@ -90,8 +90,8 @@ class Correction:
     want_amount: bool = False
     noise: tuple[float, ...] | None = None  # standard deviation of each band in `changed`; None: no flags wanted
     want_stderr: bool = False
-    replaced: tuple[ReplacedError, ...] = ()  # one per band: standard errors of a chain with an opening
-    left: Posterior | None = None  # variance of glint that is left, for standard errors of a removal without stages
+    replaced: tuple[ReplacedError, ...] = ()  # one per band: error variances, for a chain with an opening
+    left: Posterior | None = None  # sets the variance of glint that is left, if no stage does
 
     @property
     def amount_bands(self) -> list[int]:
@@ -105,12 +105,12 @@ class Correction:
 
     @property
     def chain_halo(self) -> int:
-        """Margin around a cell (see `CHAIN_CELL`) that the chain and the removal need [pixel]."""
+        """Margin around a cell (see `CHAIN_CELL`) that the chain, the removal and standard errors need [pixel]."""
         return self.chain.halo + self.model.halo + span_halo(self.replaced) + (self.left.halo if self.left else 0)
 
     @property
     def by_cells(self) -> bool:
-        """Whether tiles are corrected in squares of the scene, one by one (see `CHAIN_CELL`)."""
+        """Whether a chain or standard errors are computed, in squares of the scene, one by one (see `CHAIN_CELL`)."""
         return self.chain.runs or self.want_stderr
 
     def __call__(self, tile: Tile) -> Corrected:
@@ -135,12 +135,12 @@ class Correction:
         return done
 
     def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
-        """Read and correct a tile; return physical values (band, row, column), and the mask of pixels to correct."""
+        """Read and correct a tile; return its physical values (band, row, column), and `Block.where` (row, column)."""
         block = self._read(tile)
         return self._corrected(block), block.where
 
     def _corrected(self, block: Block) -> npt.NDArray[Any]:
-        """Corrected physical values of the tile, (band, row, column); `block.changes` is set to the changed pixels."""
+        """Corrected physical values of the tile, (band, row, column); the fields of `block` for results are set."""
         physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
         if self.changed and block.where.any():
             if not self.chain.runs:
@@ -178,14 +178,14 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: Any) -> Mask:
-        """Mask, (band, row, column), of saturated pixels of `physical`; False for bands without a known saturation."""
+        """Mask of saturated pixels, (band, row, column), or (band, 1, 1) if none is known; False for unknown bands."""
         limits = np.array([b.saturation for b in self.scene.bands], physical.dtype)  # None: NaN, which nothing exceeds
         if np.isnan(limits).all():
             return np.zeros((len(physical), 1, 1), np.bool_)
         return np.asarray(physical >= limits[:, None, None])
 
     def _remove(self, block: Block, physical: Any) -> None:
-        """Subtract from `physical`, (band, row, column), the glint that the model predicts."""
+        """Subtract predicted glint from `physical`, (band, row, column), in place; set `block.changes`, `.targets`."""
         if self.model.references:
             origin, crop = (block.outer.row0, block.outer.col0), block.tile.crop_of(block.outer)
             found, block.targets = glint(block.wide, self.model, block.water, origin, crop)
@@ -265,7 +265,7 @@ def correction(
     """Make the `Correction` of a scene from the model, the chain and the water rule in `fitted`.
 
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
-    needs noise or standard errors, these are estimated here, on `threads` threads.
+    needs noise or standard errors, these are estimated on `threads` threads. Raises as `open_area`, `_with_stderr`.
     """
     wanted = mask or fitted.recipe.mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
@@ -285,7 +285,7 @@ def correction(
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles in which a scene is corrected; with a chain, a tile consists of whole cells."""
+    """Rows and columns of the tiles in which a scene is corrected; if `by_cells`, tiles consist of whole cells."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:
@@ -321,8 +321,8 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
 
 
 def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
-    """Discs to add to each block of a compensated sample, as wide as the smallest object that is usually kept, or as
-    the window of the chain's opening preserves.
+    """Discs (band, row, column) to add to each block of `after`, a compensated sample. They are as wide as the smallest
+    object that is kept by default, at most `LARGEST_DISC`; or as the smallest that the chain's opening keeps, if wider.
     """
     window = next(s.size for s in work.chain.before if isinstance(s, compensate.Background))
     width = max(min(smallest_object(None, pixel_size(work.scene)), LARGEST_DISC), window / OF_OBJECT)

@@ -89,8 +89,8 @@ def fit_scene(
 
     Raises
     ------
-    BandError, NoWaterError, FitError
-        No band is in the NIR, or a selected one is missing; the scene has no water; the sample does not allow a fit.
+    InputError, ReadError, BandError, NoWaterError, FitError
+        Wrong option; unreadable file; no NIR band, or a selected band missing; no water; sample that allows no fit.
 
     Examples
     --------
@@ -109,8 +109,8 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to an overview, which is a part of the scene. If it has too little water, or an automatic sample does not
-    reach `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
+    """Fit to an overview, which is a part of the scene. If it has no water, or the fit to an automatic sample fails or
+    does not reach `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
     """
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
@@ -190,9 +190,9 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
-    """Prepare a saved model, and the `chain` saved with it, for this scene, as a `Fitted`.
+    """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
-    Raises InputError if the model cannot be applied to this scene, and NoWaterError if the scene contains no water.
+    Raises InputError if the model or chain does not suit this scene, and NoWaterError if `mask` "auto" finds no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

@@ -78,8 +78,8 @@ def tile_flags(block: Block, *, saturated: Mask, negative: Mask, clipped: Mask) 
 
 
 def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> PixelCounts:
-    """Count the pixels of a corrected tile: those with each flag in `flags` (row, column), and in each band the changed
-    pixels and the True pixels of each mask (band, row, column) in `marked`, named as a field of the result.
+    """Count the pixels of a tile: those flagged nodata, not water, corrected or protected in `flags` (row, column); per
+    band those changed, replaced, and True in each mask (band, row, column) in `marked`, keyed by field of the result.
     """
     kinds = {"nodata": NODATA, "not_water": NOT_WATER, "corrected": CORRECTED, "protected": PROTECTED}
     counts: dict[str, Any] = {name: int(np.count_nonzero(flags & bit)) for name, bit in kinds.items()}
@@ -102,7 +102,7 @@ def glint_classes(
     the limit in every band is one standard deviation of its noise: such glint adds no more variance than noise does.
     `amount` (band, row, column) is the glint that was removed from the bands that may change, `noise` (band,) the
     standard deviation of their noise [unit of the band], `saturated` (row, column) True where a band is saturated.
-    Pixels outside `water` (row, column) are "not assessed", and all pixels if `amount` has no band.
+    Pixels outside `water` (row, column) are "not assessed", and so are unsaturated pixels without a finite amount.
     """
     out = np.full(amount.shape[1:], NOT_ASSESSED, np.uint8)
     np.copyto(out, NEGLIGIBLE, where=np.isfinite(amount).any(axis=0))
@@ -119,10 +119,10 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
 
 
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
-    """Layout of the corrected image; its type is the scene's by default.
+    """Layout of the corrected image; its type is `dtype`, by default the scene's. `options`: GDAL creation options.
 
-    The output has the nodata of the input, if the type can hold it. It has a mask if the input has one, or if its
-    nodata cannot be expressed otherwise.
+    The output has the nodata of the input; if its type cannot hold it, NaN (floating point), or no nodata but a mask
+    (integers). It also has a mask if the input has one, or if floats without nodata become integers.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
@@ -175,8 +175,8 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
     with L the reflected sky radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
     Returns the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
-    three sky models, `VISIBILITIES` and `SKY_WINDS`; and the assumptions. The result is None, with a line in the log,
-    if the scene does not state the angles of sun and sensor, or has no such band.
+    three sky models, `VISIBILITIES` and, if the scene states no usable wind, `SKY_WINDS`; and the assumptions. Returns
+    None, with a line in the log, if the scene does not state the angles of sun and sensor, or has no such band.
     """
     tags = {k.casefold(): v for part in raster_of(scene).info.tags.values() for k, v in part.items()}
     angles: dict[str, Any] = {k: _angle(tags, *names, zenith="zenith" in k) for k, names in _ANGLE_TAGS.items()}

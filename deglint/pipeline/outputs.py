@@ -141,7 +141,7 @@ def why(lines: Sequence[str]) -> None:
 
 
 def log_scene(scene: Scene) -> None:
-    """Log properties of the scene: size, sensor, band delays."""
+    """Log size, sensor and band delays of the scene, the pixel size assumed without coordinates, and its notes."""
     sensor = f", sensor {scene.sensor}" if scene.sensor else ""
     first, *others = scene.path.split(", ")
     name = f"{first} and {len(others)} more" if others else first
@@ -187,7 +187,7 @@ def log_model(model: GlintModel, notes: Sequence[str]) -> None:
 
 
 def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
-    """Log which bands and pixels were changed; `said` is the content of the sidecar."""
+    """Log changed and copied bands, warnings of the run, and counts of pixels; `said` is the sidecar's content."""
     pixels = said["pixels"]
     copied = [n for n in scene.names if n not in pixels["changed"]]
     kinds = {"changed": pixels["changed"], "copied": copied}

@@ -45,8 +45,8 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of larger and larger parts of a scene; the last one is of the whole scene.
-    If `wanted`, water is searched in each. `nir` is the 0-based NIR band. Raises NoWaterError if no pixel is valid.
+    """Yield overviews of larger and larger parts of a scene, at last of the whole; if `wanted`, with the water in each.
+    Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)
     total = scene.height * scene.width
@@ -117,7 +117,7 @@ def raster_of(scene: Scene) -> RasterSource:
 def on_threads(
     tiles: Sequence[Tile], work: Callable[[Tile], Any], threads: int, progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Any]:
-    """Iterate over the results of `work(tile)`, in the order of the tiles; several threads read and process tiles."""
+    """Iterate over the results of `work(tile)`, in the order of the tiles; arguments are as in `tiles.run`."""
     return (done for _t, done in tiling.run(tiles, work, threads=threads, progress=progress, start=enter_thread))
 
 

@@ -18,7 +18,7 @@ CHAINS = ("auto", "thesis", "off")  # names for chains of stages
 
 @dataclass(frozen=True)
 class Recipe:
-    """Options for processing a scene; the defaults suit most scenes.
+    """Options for processing a scene; the defaults suit most. Raises InputError if one is wrong or two contradict.
 
     Attributes
     ----------
@@ -29,8 +29,8 @@ class Recipe:
         accepted.
     nir_use : {"auto", "mean", "best", "set"}
         Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
-        best; "set", the NIR band taken at the same time. "auto": "set" if the sensor takes its bands in sets at
-        different times, else "mean".
+        best; "set", the NIR band taken at the same time. "auto": "set" if `nir` is empty and the sensor takes its bands
+        in sets at different times, each with a NIR band; else "mean".
     bands : tuple of str
         Bands to correct, by name or 1-based number; if empty, all bands of shorter wavelength than the NIR.
     sample : str
@@ -40,7 +40,7 @@ class Recipe:
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
-        Percentile of the NIR that Hedley's method uses as glint-free NIR [%]; 0: the minimum, as published.
+        Percentile of the glint index that is its level [%], for method "hedley" (0: minimum) and "multiband" (0: 5 %).
     rrs_factor : float
         Ratio of the physical values to remote-sensing reflectance, for method "goodman" [sr]; pi for reflectance.
     compensate : str
@@ -125,7 +125,7 @@ def band_names(value: Any, field: str) -> tuple[str, ...]:
 
 
 def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
-    """Make the request for a fit with the bands of a recipe; return also a log line on the choice of the NIR bands."""
+    """Make the request for a fit, and a log line on the choice of NIR bands. Raises InputError for unusable bands."""
     wanted = list(recipe.nir) or None
     nir, note = find_nir(scene, wanted), explain_nir(scene, wanted)
     use = "mean" if recipe.nir_use == "auto" else recipe.nir_use
@@ -141,7 +141,7 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
 
 
 def _nir_of_every_set(scene: Scene) -> tuple[int, ...]:
-    """0-based NIR band of each set of bands taken at the same time; empty if a set has none, or there is one set."""
+    """0-based NIR band of each set of simultaneous bands; empty for one set, if a set has no NIR, or a band no set."""
     groups = list(dict.fromkeys(b.group for b in scene.bands))
     if None in groups or len(groups) < 2:
         return ()
@@ -156,7 +156,7 @@ UNKNOWN_OBJECT = 16.0  # default width of the smallest object if the pixel size 
 
 
 def smallest_object(text: str | None, pixel: float | None) -> float:
-    """Width of the smallest object to keep [pixel], from text such as "4m" or "16px".
+    """Width of the smallest object to keep [pixel], from text such as "4m" or "16px"; without a unit it is in metres.
 
     `pixel` is the pixel size [m], None if not known. Without text the width is 4 m, or 16 pixels if `pixel` is None.
     Raises InputError if the text is not a length, or is in metres and `pixel` is None.

@@ -65,7 +65,7 @@ def remove_glint(
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
-        sample, model_file, picture, overwrite, dtype, options, reads: see `Outputs`; chain: see `model`.
+        sample, model_file, picture, overwrite, dtype, options, request, reads: see `Outputs`; chain: see `model`.
 
     Returns
     -------

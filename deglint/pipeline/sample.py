@@ -65,7 +65,7 @@ class Training:
     outer: Tile  # the tile with its halo
     block: FloatArray  # (band, row, column) of `outer`, physical values of all bands
     water: Mask  # (row, column) of `outer`, True for water
-    sample: Mask  # (row, column) of `tile`: water away from shores, or the sample that the user selected
+    sample: Mask  # (row, column) of `tile`: selected by the user, or water away from shores (all water, if none is)
 
     @property
     def inside(self) -> Mask:
@@ -82,7 +82,7 @@ class Training:
 
 
 def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
-    """Make a function that reads a training tile; the sample is that of the recipe, or else water away from shores."""
+    """Make a function that reads a tile and `halo` pixels around. Sample: the recipe's, else water away from shores."""
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
     rule = job.overview.water if sampler is None or halo else None  # None: a named sample is all that is used
     reach = rule.halo if rule else 0
@@ -108,7 +108,7 @@ def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
 
 
 def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
-    """Map of the strips of odd and even detectors, from the footprints of a 0-based band; None unless both exist."""
+    """Map of the strips of odd and even detectors, from footprints of a 0-based band; None unless both kinds occur."""
     if scene.footprints is None:
         return None
     centres = np.minimum(np.arange(CELL // 2, scene.width + CELL // 2, CELL), scene.width - 1)
@@ -122,7 +122,7 @@ def strips_of_footprints(scene: Scene, band: int) -> Strips | None:
 
 
 def strips_in(job: Job, kinds: SquareKinds) -> Strips:
-    """Find strips with opposite band delays; `kinds` gives the kind of strip of each square of 64 pixels in a tile."""
+    """Find strips with opposite band delays; `kinds` is called for each tile, and returns the kinds of its squares."""
     read, (_bands, height, width) = training_reader(job), job.scene.shape
     known = np.full((-(-height // CELL), -(-width // CELL)), -1, np.int8)
     everything = tiling.tiles(height, width, (TILE_SIDE, TILE_SIDE))
@@ -298,7 +298,7 @@ def _read(
 
 
 def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel | None, dict[str, float], float]:
-    """Fit a method; return model, relative error of each band and effective number of cells, or None, {} and 0."""
+    """Fit a method: model, relative error of each band, least effective number of cells; None, {} and 0 on FitError."""
     try:
         model = METHODS[method].fit(job.request, stats)
     except FitError:
@@ -360,5 +360,5 @@ def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[P
 
 
 def _place(box: Window | None) -> str:
-    """A window as text, such as "rows 0-9, columns 0-9"; "nowhere" for None."""
+    """A half-open window as text: "rows 0-10, columns 0-10" for the first ten of both; "nowhere" for None."""
     return "nowhere" if box is None else f"rows {box[0][0]}-{box[0][1]}, columns {box[1][0]}-{box[1][1]}"

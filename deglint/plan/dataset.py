@@ -79,7 +79,7 @@ def dataset(plan: Reticle) -> Any:
 
 
 def summary(plan: Reticle) -> dict[str, Any]:
-    """Summarise the plan for JSON: mission, sun, and the best viewing geometry with its radiances and contrasts."""
+    """Summarise the plan for JSON: mission, sun, excluded share, texts, best viewing geometry with values by band."""
     geometry = best_geometry(plan)
     return {
         "mission": tables_of(plan.mission),

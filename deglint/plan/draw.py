@@ -91,7 +91,7 @@ class Canvas:
 
 
 def wrapped(text: str, size: float, width: float) -> list[str]:
-    """Split a text at spaces into lines of at most a width [pixel], in a font of a size [pixel]."""
+    """Split a text at spaces into lines of at most `width` [pixel], or one longer word, in a font of `size` [pixel]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()

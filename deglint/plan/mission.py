@@ -66,7 +66,7 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
-    Raises InputError if a value is out of the range of its model, or if the sun is down.
+    Raises InputError if a value is out of the range of its model, a band unknown, or the sun unknown or below 1 degree.
 
     Attributes
     ----------
@@ -302,7 +302,7 @@ def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
 
 
 def pressure(value: Any) -> float:
-    """Convert a number [hPa], or a text with a unit such as "29.9 inHg" or "762 mmHg", to a pressure [hPa].
+    """Convert a number [hPa], or a text such as "29.9 inHg", "762 mmHg" or "1013" (hPa), to a pressure [hPa].
 
     Raises InputError if the value is neither.
 
@@ -317,7 +317,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Check and return the values of a table. Raises InputError if a key is not in `known` or a number not finite."""
+    """Check and return a table. Raises InputError unless keys are `known` and values, but for `_NO_NUMBERS`, finite."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

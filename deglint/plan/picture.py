@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
-    """Contrast over noise (zenith, azimuth) of `band`, or of all; hatchings for low contrast, sky glint, sun glint."""
+    """Contrast over noise (zenith, azimuth) of `band` or all; hatchings: faint or saturated, sky glint, sun glint."""
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)

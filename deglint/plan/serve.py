@@ -40,7 +40,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
     """Serve the page until Ctrl-C and, if `browser`, open it in a browser; sliders start at the values of `mission`.
 
     Port 0 selects a free port. `say` is called with each line of text to show, such as the address of the page.
-    Raises InputError if the port is in use.
+    Raises InputError if the port cannot be used.
     """
     server = make_server(mission, port)
     answer(mission, {})  # loads all modules that a plan needs, so that the first request is fast
@@ -59,7 +59,7 @@ def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: b
 
 
 def make_server(mission: Mission, port: int = 0) -> ThreadingHTTPServer:
-    """Make the server, bound to the loopback address but not yet serving. Raises InputError if the port is in use."""
+    """Make the server, bound to the loopback address, not yet serving. Raises InputError if the port cannot be used."""
     try:
         return _Server(mission, port)
     except OSError as error:

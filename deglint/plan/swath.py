@@ -152,7 +152,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best flight line at times with the sun up, within 12 hours of the mission time; nearest time first."""
+    """Yield the best line at times with the sun up, within 12 hours; nearest first. Nothing if sun angles are given."""
     if mission.place is None or mission.moment is None or mission.sun_zenith is not None:
         return
     steps = np.arange(TIME_STEP, 12 * 60 + 1, TIME_STEP)
@@ -163,7 +163,7 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best flight line for each roll and each pitch in `TILTS`; the smallest angle comes first."""
+    """Yield the best line for each roll and pitch in `TILTS` if the view then ends below 80 degrees; smallest first."""
     for tilt in TILTS:
         if tilt + 0.5 * max(view.across, view.along) < 80.0:
             for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):

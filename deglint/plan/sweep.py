@@ -64,7 +64,7 @@ def next_daylight(latitude: float, longitude: float, start: Any = None) -> np.da
 def plans(mission: Mission, when: list[np.datetime64]) -> Iterator[tuple[Moment, Reticle | None]]:
     """Yield summary and reticle of a mission at each time in `when` (UTC); the reticle is None if the sun is too low.
 
-    Raises InputError if the mission has no place.
+    Viewing geometries are those of `mission.coarse()`. Raises InputError if the mission has no place.
     """
     if mission.place is None:
         raise InputError("a sweep over time needs a place: give latitude and longitude, not the sun's angles.")

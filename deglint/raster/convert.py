@@ -99,7 +99,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Convert file values to another type; return them and the mask of clipped values (None if none can be clipped).
+    """Convert file values to another type; return them and the mask of clipped finite values (None if none can be).
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN becomes 0.
     """

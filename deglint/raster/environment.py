@@ -75,7 +75,7 @@ def check_size(dataset: Any, path: str) -> None:
 
 
 def limit(name: str) -> int:
-    """Value of the limit `name`: the environment variable of this name if it is set, else the one in `READ_LIMITS`."""
+    """Value of the environment variable `name`, by default that of `READ_LIMITS`. Raises InputError if not above 0."""
     text = os.environ.get(name) or str(READ_LIMITS[name])
     try:
         value = int(float(text))

@@ -180,8 +180,8 @@ def describe_file(path: str, *, alpha_is_band: bool = False) -> RasterInfo:
     """Open a raster file and return its properties; no pixel is read.
 
     GDAL reports the last of 2 or 4 bands of type byte as "alpha" unless the file states otherwise. Such a band belongs
-    to the scene if `alpha_is_band` is True or if its name lacks "alpha"; otherwise it is a mask. Raises ReadError if
-    the header cannot be read, InputError if there is no usable band or the transform is not invertible.
+    to the scene if `alpha_is_band` is True or it has a name without "alpha"; else it is a mask. Raises ReadError if the
+    header cannot be read, InputError for no band, complex numbers, exceeded limits, or a transform without an inverse.
     """
     try:
         with open_dataset(path) as dataset:

@@ -79,9 +79,9 @@ class Layout:
     def block(self) -> tuple[int, int]:
         """Rows and columns of a block of the output file [pixel].
 
-        A side of the input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, provided that it divides
-        the side of `tile` or that `tile` covers the image. Otherwise one of `_SIDES` replaces it: the smallest that
-        covers the image if `tile` covers it, else the largest that divides the side of `tile`.
+        A side of a tiled input's blocks is kept if it is a multiple of 16 from 64 to 1024 pixels, provided that it
+        divides the side of `tile` or that `tile` covers the image. Otherwise one of `_SIDES` replaces it: the smallest
+        that covers the image (or 512) if `tile` covers it, else the largest that divides the side of `tile` (or 16).
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
         rows, columns = (
@@ -250,7 +250,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Open a writer for each of `images` (target and layout by name) in a `with` block; provide the writers by name."""
+    """Provide writers by name in a `with` block, for `images` (target and layout by name); add .aux.xml for flags."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))
@@ -291,7 +291,7 @@ def write_json(scratch: Scratch, target: Path, data: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value (also a dict, list or array) to types that JSON has; NaN and infinity become None."""
+    """Convert a value (also a dict, list or array) to JSON types; NaN and infinity become None, other objects text."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):

@@ -53,7 +53,7 @@ def write_scene(
 
 
 def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Check, before a simulation starts, that `write_scene` can write to the name `stem`; raises WriteError if not."""
+    """Check, before a simulation, that image and JSON of `write_scene` can be written; raises WriteError if not."""
     base = _base(stem)
     check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
 
@@ -152,7 +152,7 @@ def describe(scene: Any, files: Mapping[str, str]) -> dict[str, Any]:
 def check_plan(
     targets: Sequence[Path], kinds: Sequence[str], reads: Reads | None = None, *, overwrite: bool = False
 ) -> None:
-    """Check, before a plan is computed, that outputs end in one of `kinds` (".png", ...), and call `check_targets`."""
+    """Raise InputError unless all names of outputs end in one of `kinds` (".png", ...); then call `check_targets`."""
     for target in targets:
         if _kind(target) not in kinds:
             raise InputError(f"{target} must end in one of {', '.join(kinds)}, which says what to write.")

@@ -110,7 +110,7 @@ class RasterSource:
         InputError
             The window reaches outside the scene.
         ReadError
-            The file is truncated or damaged, or this source is closed.
+            A file is missing, truncated or damaged, this source is closed, or its `deadline` is past.
         """
         raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
@@ -121,7 +121,7 @@ class RasterSource:
 
         Values have the type of the file, or the smallest type that can hold all bands. The mask follows from nodata,
         mask and alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid
-        here, even if nodata is NaN; `to_physical` makes them NaN. Raises the same errors as `read`.
+        here, even if nodata is NaN; `to_physical` makes them NaN. `FileBands.flat` is applied. Errors as in `read`.
         """
         return self._read(window, range(self.info.count))
 

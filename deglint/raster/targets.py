@@ -26,10 +26,9 @@ from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
 COMPANIONS = (".aux.xml", ".msk", ".ovr")  # endings of files beside a raster that GDAL reads with it
 _GDAL_PREFIX = re.compile(r"^(/?vsi\w+/)+|^[\w+]+://", re.IGNORECASE)
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
-OTHER_FORMATS = frozenset(
+OTHER_FORMATS = frozenset(  # endings that a GeoTIFF should not have
     (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
 )
-"""File endings that a GeoTIFF should not have."""
 Reads = Mapping[str, Iterable[str | Path]]  # names of input files, by their role: "the input", "--mask"
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
@@ -88,10 +87,11 @@ def _local(name: str) -> list[str]:
 
 
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
-    """Check, before anything is written, that outputs are different files that can and may be written.
+    """Raise InputError or WriteError, before anything is written, if an output cannot or may not be written.
 
-    `reads` has all input names of a run, by role. No output may replace a file that is read for them (`files_behind`);
-    names that are not files ("auto") are skipped. With `overwrite`, outputs may replace other files.
+    Outputs must be different files, none of which is read as a part of another, or of an input. `reads` has all input
+    names of a run, by role; names that are not files ("auto") are skipped. No file that is read for them
+    (`files_behind`) may be replaced, and other files only with `overwrite`.
     """
     taken: dict[tuple[int, int] | str, Path] = {}
     for target in targets:
@@ -193,7 +193,7 @@ class Scratch:
             _discard(*(Path(f"{file}{ending}") for file in self._files.values() for ending in ("", *COMPANIONS)))
 
     def _commit(self) -> None:
-        """Rename every scratch file to its target. After an error, undo this in reverse order and raise the error."""
+        """Rename every scratch file to its target. After an error, undo this and raise it (OSError as WriteError)."""
         made = next((target for target in self._files if os.path.lexists(target)), None)
         if made is not None and not self._overwrite:
             raise WriteError(f"{made} was made by another run meanwhile, and stays. Give --overwrite to replace it.")

@@ -82,8 +82,8 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that a user gives as `text`: the name of a GeoJSON file or mask raster, or a window of pixels.
 
-    A window is written as "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of
-    the command-line option, for messages. Raises InputError if the window or the polygons lie outside the scene.
+    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of the option,
+    for messages. Raises ReadError or InputError if `text` is not valid, or if window or polygons lie off the scene.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -113,7 +113,7 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
     """The area of the polygons in a GeoJSON document; the name of its file, `name`, is used in messages.
 
     The document's member `crs` names the CRS of the polygons. Without it, coordinates are longitude and latitude (RFC
-    7946), or, if an x exceeds 360 or a y 90, in the scene's CRS. If the scene has no CRS, they are in its coordinates.
+    7946), or in the scene's CRS if an |x| exceeds 360 or a |y| 90. In a scene without CRS, they are in its coordinates.
     """
     from rasterio.warp import transform_geom
 
@@ -147,7 +147,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON features: outlines of the True pixels of a mask that starts at (row, column) `origin` of `scene`."""
+    """GeoJSON features in the scene's CRS: outlines of the True pixels of a mask from (row, column) `origin` on."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -157,7 +157,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of features in the scene's CRS; the CRS is in its member `crs`, as GDAL writes it."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS, which the member `crs` names (if it has a code)."""
     document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:

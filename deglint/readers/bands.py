@@ -46,8 +46,8 @@ _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Return the bands of a scene, the name of the sensor preset that was used (or None), and notes for the log.
 
-    `stems` has, for each band in `info`, the name of its file without extension, or "". A band without a name gets that
-    of its file. `sensor` is the preset or .toml file that the user selected, or None.
+    `stems` has, for each band in `info`, the name of its file without extension, or "". A band without a name is named
+    after its file. `sensor` is the preset or .toml file that the user selected, or None.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -79,7 +79,7 @@ def _with_sensor(
 ) -> tuple[list[Band], str | None, list[str]]:
     """Add missing properties to bands, from the preset `sensor` or, if it is None, from the preset that a tag names.
 
-    `unnamed` is as in `apply_sensor`. Returns the bands, the preset's name (None: no tag, or no fit), and notes.
+    `unnamed` is as in `apply_sensor`. Returns bands, name of the preset or .toml file (None: no tag fits), and notes.
     """
     if sensor is not None:
         asked = sensor_of(sensor)
@@ -125,8 +125,8 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Codes like B02 (with the zero), B8A or B12 identify Sentinel-2. So does B8 without B5: in Landsat 8, B8 is the
-    panchromatic band and B5 the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
+    Codes like B02 (with the zero), B8A or B12 identify Sentinel-2. So do 3 or more with B8 and without B5: in Landsat
+    8, B8 is the panchromatic band and B5 the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
     """
     plain = [sensors.normalise(n) for n in names]
     codes = {c for n in names if (c := spectral.band_code(n))}
@@ -139,7 +139,7 @@ def _dialect(names: Sequence[str]) -> Sensor | None:
 
 
 def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset[int]]:
-    """Name of each band (its description, file name or colour, else "band N"), and 0-based indexes of unnamed bands."""
+    """Unique names of bands (description, file name or colour, else "band N"), and `unnamed` as in `apply_sensor`."""
     names, unnamed = [], set()
     for i, (stated, stem) in enumerate(zip(info.descriptions, short_names(stems), strict=True)):
         colour = info.colorinterp[i]
@@ -292,7 +292,7 @@ class KnownOptics:
 
 
 def optics_of(scene: Scene) -> KnownOptics | None:
-    """Optics of a scene from its tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else its preset; None if unknown."""
+    """Optics of a scene from tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS (default 0.5), else its preset; or None."""
     info: RasterInfo | None = getattr(scene.source, "info", None)
     spaces = [] if info is None else info.tags.values()
     tags = {k.upper(): v for part in spaces for k, v in part.items()}

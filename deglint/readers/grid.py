@@ -138,7 +138,7 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
-    """Source that returns, for each pixel of `grid`, the number of the detector that took it; NaN if there is none.
+    """Source of the number of the detector that took each pixel of `grid` in each band; NaN if there is none.
 
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
@@ -206,7 +206,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel [m] on the ground: from georeferencing, else tag GSD_M, else sensor; None if unknown."""
+    """Mean side of a pixel [m] on the ground; if there is no transform, of tag GSD_M, else sensor. None if unknown."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}

@@ -83,8 +83,8 @@ def open_scene(
     Raises
     ------
     ReadError, InputError, BandError
-        ReadError if GDAL cannot read a file. InputError if a file has no bands or has complex numbers, if files do not
-        overlap, or if an option is not valid. BandError if a preset or near-infrared band does not fit the bands.
+        ReadError if a file cannot be read. InputError if it is not supported (such as complex numbers), if files do
+        not fit on one grid, or if an option is not valid. BandError if a preset or NIR band does not fit the bands.
 
     Examples
     --------
@@ -211,7 +211,7 @@ def _given(given: BandProperties) -> Given:
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
-    """A copy of `info` with the properties that the user gives. Raises InputError unless there is one per band."""
+    """A copy of `info` with the properties that the user gives. Raises InputError if their number does not fit."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
     for option, values in every.items():

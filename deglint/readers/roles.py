@@ -47,9 +47,9 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     Raises
     ------
     BandError
-        No NIR band was found, or a selected band does not exist or is visible light; the message lists the bands.
+        No NIR band was found, none was selected, or a selected one does not exist or is visible light.
     InputError
-        `wanted` is neither a name nor a number.
+        `scene` is not a Scene, or `wanted` has something other than names and numbers.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     return _choose(scene, wanted)[0]
@@ -128,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for the option --bands: names of known wavelength are kept; if `hidden`, alpha becomes "nir"."""
+    """Example for --bands: names of known wavelength are kept; "nir" is alpha if `hidden`, else an unknown band."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)
@@ -141,7 +141,7 @@ def _example_of(scene: Scene, *, hidden: bool) -> str:
 
 
 def split_wanted(wanted: Wanted) -> list[str | int]:
-    """Split a selection of bands into names and numbers.
+    """Split a selection of bands into names and numbers. Raises InputError if it has anything else.
 
     >>> split_wanted("8, 8A"), split_wanted(8), split_wanted([7, "8,9"])
     (['8', '8A'], [8], [7, '8', '9'])

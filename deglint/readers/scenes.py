@@ -139,7 +139,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of the assets with one band, in order of wavelength, else of the only image; `what` is for messages."""
+    """Keys of assets with one band, in order of wavelength, else of the only image, else InputError about `what`."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
     said = {k: _said(a, k) for k, a in usable.items()}
@@ -218,7 +218,7 @@ class ListedScene:
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
-    """List the scenes that the arguments of a command stand for, in the order of the arguments.
+    """List the scenes that arguments of a command stand for, in their order. Raises ReadError or InputError if none.
 
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and

@@ -120,7 +120,7 @@ def saturation(info: RasterInfo, band: int) -> float | None:
     """Physical value from which on a band is saturated; None if it is not known.
 
     `band` is 0-based. The file value is read from the tag FULL_SCALE of the band or file. Without this tag, it is the
-    largest value of an integer type of up to 16 bits (sensors do not fill wider types). None if that value is nodata.
+    largest value of an integer type of up to 16 bits. None if it is nodata, or if the scale is not positive.
     """
     stored = number(_first(info.band_tags[band], _FULL_SCALE, _first(info.tags, _FULL_SCALE, "")))
     kind = np.dtype(info.dtypes[band])
@@ -155,7 +155,7 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 
 
 def nanometres(value: float, unit: str = "") -> float | None:
-    """Convert a wavelength to nm. Without unit, it is in um if at most 30, else in nm. None if `unit` is not a length.
+    """Convert a wavelength to nm. Without a known unit, it is um up to 30, else nm. None for wavenumber, index or GHz.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
     (490.0, 490, 490.0)

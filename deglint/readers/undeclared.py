@@ -78,11 +78,11 @@ def settled(scene: Scene) -> Scene:
 
 
 def undeclared(scene: Scene) -> Undeclared:
-    """Find undeclared nodata, an undeclared offset of Sentinel-2 values, and the wavelengths of four unnamed bands.
+    """Find undeclared nodata, an undeclared Sentinel-2 offset, and wavelengths of four bands if the last is unnamed.
 
     Nodata is searched for if neither the file nor the caller declares it. It is a value that all bands have in at least
     2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a square
-    of `SOLID` x `SOLID` pixels. Findings are also written to the log. A scene is searched once; later calls find none.
+    of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged. Later calls for a scene find nothing.
     """
     source = scene.source
     if not isinstance(source, RasterSource) or source.settled:
@@ -220,7 +220,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
 
 
 def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: float) -> list[float]:
-    """The percentile `percent` of the valid file values of each band in `blocks`; infinite for a band without any."""
+    """The percentile `percent` of valid file values of each band (not where all are 0); infinite if there are none."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])

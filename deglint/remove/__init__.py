@@ -40,7 +40,7 @@ class Method:
 
     `fit` takes a request (the bands to correct and their references) and the sample: a list of `SampleTile` if
     `neighbours` is True, else the statistics that `plan` requests, or None if `plan` is None. It raises FitError if the
-    sample has too few pixels or a reference is constant in it, and BandError if a band that it needs is missing.
+    sample allows no fit (for example, if it has too few pixels), and BandError if a band that it needs is missing.
     """
 
     summary: str  # one line for `--help` and the documentation
@@ -102,7 +102,7 @@ def fit(
     Raises
     ------
     InputError
-        If the method or a band is unknown, or an option is out of range.
+        If the method, a band or an option is not valid, the array or the mask has a wrong shape, or no band is left.
     FitError
         If the sample does not allow a fit, for example because it has too few pixels.
 
@@ -164,8 +164,8 @@ def nir_request(
 
     use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
         band best; "set", the NIR band that is taken at the same time (`Band.group`)
-    correct : 0-based bands to correct; by default those of shorter wavelength than the NIR, or all others if no
-        wavelengths are known. If only some bands have wavelengths, the others are copied: they may be masks or classes
+    correct : 0-based bands to correct; by default those of shorter wavelength than the longest NIR band, or all others
+        if none of them has a wavelength. If only some have one, the rest is copied: it may be masks or classes
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
 
     Raises InputError if a selection is not possible, or an option is out of range.

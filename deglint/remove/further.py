@@ -25,8 +25,8 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
 
     Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
     plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without red
-    edge, and the results are compared in the half of the pixels with less glint. In each band the difference, averaged
-    over `EVEN_SIDE` x `EVEN_SIDE` pixels, must have a standard deviation of at most `MOST_TAKEN` times the noise.
+    edge. If the mean difference of `EVEN_SIDE` x `EVEN_SIDE` pixels, in the half of the pixels with less glint, has in
+    any band a standard deviation above `MOST_TAKEN` times the noise, this is repeated without the shortest red edge.
     """
     return longest_that(request, lambda more: _taken_from_water(request, tiles, more) <= MOST_TAKEN)
 

@@ -175,7 +175,7 @@ class KernelFit(NamedTuple):
     coefficients: Float64  # (variable, band)
     response: Float64  # (band,): change of a band if its NIR rises by 1 everywhere
     left_out: Float64  # (group, band): the response fitted without each group of squares; empty for a single group
-    loss: Float64  # (band,): residual power in squares that were not fitted, relative to the power of the band
+    loss: Float64  # (band,): residual power in squares left out of the fit, over the power of the band in all squares
     pixels: int  # pixels of the fit
 
 

@@ -150,7 +150,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the largest of `counts` (bin,), refined by a parabola, or the middle of several equal ones."""
+    """Position [bin] of the largest of `counts` (bin,), refined by a parabola; if equal, middle of the first run."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -162,7 +162,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Mask of the sample without pixels near strong glint, which resampling darkens; `together`: glint of all bands."""
+    """Sample without pixels near strong glint, which resampling darkens; `together`: predictions, summed over bands."""
     strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
     return sample & ~grown(strong, PIT)
 
@@ -173,8 +173,8 @@ class LevelSample:
 
     prediction: FloatArray  # (band, pixel): NIR at time and sharpness of the band, by its kernel [unit of the NIR]
     value: FloatArray  # (band, pixel): value before the removal [unit of the band]
-    mean: FloatArray  # (pixel,): prediction of all bands together, mean over `AVERAGED` x `AVERAGED` pixels
-    binomial: FloatArray  # (pixel,): the same prediction after a binomial filter of this size
+    mean: FloatArray  # (pixel,): sum over bands of prediction times slope, mean of `AVERAGED` x `AVERAGED` pixels
+    binomial: FloatArray  # (pixel,): the same sum after a binomial filter of this size
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope [unit of the NIR]
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
@@ -194,15 +194,15 @@ def shared_level(
     visible : (band,), True for visible bands, which limit the possible NIR of the water
     resolved : True if pixels are smaller than waves
 
-    The three levels are the lowest possible one, the chosen one, and the median of the predicted NIR. The chosen one is
-    the least prediction in the sample, raised so that almost no pixel with little glint becomes negative. If glint is
-    dense (`span_of` is at least `SPARSE`), only local means must be positive, as errors make single pixels negative. If
-    each pixel contains several waves, all may have glint, and the level is lowered to the highest NIR that water can
-    have, computed from the excess b / s - p, with b the value of a band, s its slope, p its prediction. The excess has
-    no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a visible band w_NIR is at most
-    `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least glint
-    is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, the level is not lowered, as some of them face
-    away from the sun.
+    The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
+    and the median of the predicted NIR. The chosen one is the least prediction in the sample, but not below the lowest
+    one. If glint is dense (`span_of` is at least `SPARSE`), only local means must not become negative, as errors make
+    single pixels negative. If each pixel contains several waves, all may have glint, and the chosen level is lowered to
+    the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band, s its slope, p
+    its prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a
+    visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least
+    glint is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, the level is not lowered, as some of
+    them face away from the sun.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
@@ -258,7 +258,7 @@ def _highest(values: FloatArray, share: float) -> float:
 
 
 def _normal_tail(together: FloatArray) -> bool:
-    """Whether the lower half of the predicted NIR `together` (pixel,) is noise, so that most pixels have no glint."""
+    """Whether predicted NIR, (pixel,), is noise below its median and rare sparkle above: most pixels have no glint."""
     least, low, middle = np.percentile(together, [1.0, 10.0, 50.0])
     return bool(middle - least > NORMAL_TAIL * (middle - low)) and even_share(together) < RARE
 
@@ -280,7 +280,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
 
 
 def span_of(together: FloatArray, apart: Mask | None = None) -> float:
-    """(Median - minimum) / (99th percentile - median) of predicted NIR, (pixel,); minimum: of the pixels in `apart`."""
+    """(Median - least) / (99th percentile - median) of predicted NIR, (pixel,); least: percentile 0.1 in `apart`."""
     middle, strong = np.percentile(together, [50.0, 99.0])
     low = together if apart is None or not apart.any() else together[apart]
     return float((middle - np.percentile(low, LEAST_GLINT / 2)) / max(strong - middle, np.finfo(float).tiny))

@@ -183,7 +183,7 @@ class GlintModel:
 
 
 def _checked(model: GlintModel) -> GlintModel:
-    """Return the model if bands and indexes that it uses exist and its lists agree in length; else raise ValueError."""
+    """Return the model if its bands and indexes exist, lists agree in length and slopes are finite; else ValueError."""
     indexes, names = (*model.indexes, *model.second), range(len(model.band_names))
     bands = {*(b for i in indexes for b in i.bands), *(f.band for f in model.fits), *(r.band for r in model.references)}
     if not (

@@ -4,9 +4,9 @@ Several longer bands together predict glint better than the NIR alone. Least squ
 
     L'_i = L_i - (p_i - p_i0),    p_i = sum_r w_ir L_r,    w_i = (C_rr + ridge diag C_rr)^-1 C_ri
 
-with L_i the values of band i, r over the bands from 640 nm on that are longer than i (the NIR if wavelengths are not
-known), C the covariance in the sample, p_i0 the 5th percentile of p_i. One reference, no ridge and percentile 0 would
-be the method of Hedley.
+with L_i the values of band i, r over longer bands, from 640 nm to 1050 nm or the longest NIR (the NIR if wavelengths
+are not known), C the covariance in the sample, p_i0 the 5th percentile of p_i, or `floor_percentile`. One reference, no
+ridge and percentile 0 would be the method of Hedley.
 
 The method assumes that deep water is black, or uniform, in the references. Over shoals the red bands show the bottom,
 and bright bottoms become too dark. The ridge prevents large opposite weights of collinear references. The method fails
@@ -26,7 +26,7 @@ SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
-    """0-based bands on which a band is regressed: those of longer wavelength from 640 nm on; if none, the NIR."""
+    """0-based bands on which a band is regressed: longer bands, from 640 to 1050 nm; if none is known, the NIR."""
     own = request.bands[band].wavelength
     nir = {b for index in request.indexes for b in index.bands}
     if own is None or any(request.bands[b].wavelength is None for b in nir):
@@ -47,7 +47,7 @@ def plan(request: FitRequest) -> SamplePlan:
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit L'_i = L_i - (p_i - p_i0), with p_i the ridge regression of band i on longer bands, p_i0 its percentile.
+    """Fit L'_i = L_i - (p_i - p_i0), with p_i the ridge regression of band i on longer bands, p_i0 a percentile of p_i.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one reference); Hoerl, Kennard (1970), Technometrics 12, 55-67,
@@ -67,7 +67,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
 
 
 def _ridge(stats: SampleStatistics, band: int, references: list[int]) -> tuple[Float64, float]:
-    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: numbers of variables."""
+    """Weights (reference,) and R2 of the ridge regression of a band; `band`, `references`: indices of variables."""
     comoment = stats.regressed.comoment
     power = comoment[np.ix_(references, references)]
     cross, total = comoment[references, band], float(comoment[band, band])

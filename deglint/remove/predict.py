@@ -78,8 +78,8 @@ def glint(
     crop : width of the halo above, below, left and right of the tile [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    and never negative unless the model is signed. Also returns a mask (row, column) of the water pixels that are too
-    bright for glint, so that `clean` replaced them in a reference; None if there is no such pixel.
+    limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask (row, column) of the
+    water pixels that are too bright for glint, so that `clean` replaced them in a reference; None if there is none.
     """
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
@@ -107,7 +107,7 @@ def glint(
 
 
 def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> None:
-    """Raise InputError if a block lacks the bands or the type that a model needs, or `where` has another shape."""
+    """Raise InputError if `block` is no float array of the model's bands, `model` no model, or `where` does not fit."""
     check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
     check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
     if block.ndim != 3 or len(block) != len(model.band_names):

@@ -48,7 +48,7 @@ def fit_reference(
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    looks : for each tile the values of the band, and a mask of open water away from shores, both (row, column)
+    looks : for each tile the band and a mask of open water away from shores, (row, column); too little water: no limit
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
     sparkle : True if pixels may resolve sparkle, with few very bright flashes. The limit is then at least the excess of
@@ -87,8 +87,8 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
     water : (row, column), True over water; ships may be True or False
 
-    Returns the new reference, (row, column), which is 0 where there is no water around a pixel, and a mask of the open
-    water that was too bright for glint, with the pixels next to it; None instead of a mask if there is no such pixel.
+    Returns the new reference, (row, column), or `values` itself if nothing is replaced; it is 0 where there is no water
+    around. Also returns a mask of open water that was too bright for glint, with the pixels next to it; None if none.
     """
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)

@@ -51,7 +51,7 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band of `correct`: the first band of its index."""
+        """0-based NIR band of each band of `correct`: first band of the index in `follows` (of index 0 if None)."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
@@ -67,7 +67,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics that a regression needs: moments, and values of single pixels if it or `keep_index` requires them."""
+    """Statistics for a fit: moments; single pixels if the regression, `floor_percentile` or `keep_index` needs them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index

@@ -279,7 +279,7 @@ def explained(stats: SampleStatistics, slope: Float64) -> Float64:
 
 
 def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], float], most: int) -> Float64:
-    """Slopes (band, glint index), each `slope_of(values of index, values of band)` of at most `most` spread pixels."""
+    """Slopes (band, index): `slope_of(index values, band values)` of every n-th kept pixel, at most `most` of them."""
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)

@@ -84,7 +84,7 @@ def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power of a 3 x 3 kernel in each square, (square,), relative to each band's power, summed over bands."""
+    """Residual power (square,) of a 3 x 3 kernel, relative to each band's power in all squares, summed over bands."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))
@@ -93,8 +93,8 @@ def _left(grams: LagGrams, kernel: Float64) -> Float64:
 def filled(known: npt.NDArray[np.int8]) -> Mask:
     """Complete a map of the kinds of strips; return a mask, (row of squares, column of squares), of the second kind.
 
-    `known` is 0 or 1, the kind, or -1 if not known. Unknown squares take the kind of the nearest known square. Then
-    isolated squares take the kind of most of their neighbours.
+    `known` is 0 or 1, the kind, or -1 if not known. Unknown squares take the kind of the nearest known square, or
+    the first kind if none is known. Then isolated squares take the kind of most of their neighbours.
     """
     import cv2
     from scipy.ndimage import distance_transform_edt

@@ -81,7 +81,7 @@ def fit(
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
-    Raises FitError if there is too little open water.
+    Raises FitError if there is too little open water, no reference varies, or sums of squares exceed double precision.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
@@ -137,7 +137,7 @@ def _kinds(
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Gram matrices of a sample's squares for a set of bands; outliers are left out, unless no square would remain."""
+    """Gram matrices of squares for a set of bands, without pixels that `_trusted` excludes, if any square remains."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     for outliers in (False, True):
@@ -206,7 +206,7 @@ class _Learnt:
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
-    """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels that this replaced, and NaN."""
+    """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels too bright for glint, and NaN."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
@@ -300,7 +300,7 @@ def _indexes(
 
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
-    """The model with the levels that `shared_level` determines from the sample, and a warning if they are uncertain."""
+    """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])
@@ -373,7 +373,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
 
 
 def _colours(request: FitRequest) -> list[Float64]:
-    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if all are in 300..1000 nm."""
+    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if bands are all 300..1000 nm."""
     from ..physics.atmosphere import irradiance
 
     grey = np.ones(len(request.correct))

@@ -3,7 +3,7 @@
 Waves that the grid resolves tilt each facet; the rest of the slope variance that Cox and Munk measured is unresolved.
 A share of the unresolved variance, the sparkle, tilts each facet as a whole and varies in time according to the wave
 spectrum; the remainder is a Gaussian distribution of slopes within each facet. Therefore, the mean glint over many
-scenes equals the glint of `deglint.physics.glint`. Bands differ only in the times at which they see the facets.
+scenes equals the glint of `deglint.physics.glint`. All bands see the same facets, each band at its own time.
 """
 
 from typing import Any

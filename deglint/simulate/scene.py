@@ -39,7 +39,7 @@ class Light:
         deep = water.deep_reflectance(sea, *angles, (setup.view_azimuth - setup.sun_azimuth) % 360.0)
 
         def over(depth: Floats | float, albedo: Floats | float) -> Floats:
-            """Water-leaving radiance (band, ...) over Lambertian ground with reflectance `albedo` at a depth [m]."""
+            """Water-leaving radiance (band, *depth.shape) over matt ground of reflectance `albedo` at a depth [m]."""
             column = [np.reshape(a, (-1, *[1] * np.ndim(depth))) for a in (deep, total, share, *sea)]
             seen = water.submerged_reflectance(
                 Iops(*column[3:]), column[0], *angles, depth=depth, reflectance=albedo, direct_fraction=column[2]
@@ -225,7 +225,7 @@ class _World:
         self.matt = self.lit.matt(self.cover.materials) if self.cover else np.zeros((0, 0))
 
     def leaving(self, band: int, cover: Numbers | None) -> Floats:
-        """Radiance (row, column) of facets in a band (index): of the cover where `cover` is above 0, else of water."""
+        """Radiance of facets (row, column) in a band: the cover where its label (`Cover.at`) is above 0, else water."""
         lit = self.lit
         out = np.append(lit.water[band], lit.objects[:, band]).astype(np.float32)[self.labels]
         if self.depth is not None:
@@ -256,7 +256,7 @@ class _Shot:
             self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image in band i of a layer of facets, in its unit, from its transform; moved `off` [pixel] down and right."""
+        """Image in band i of a layer of facets from its transform: blurred, misregistered, `off` [pixel] down/right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)

@@ -36,7 +36,7 @@ F_NUMBERS = (10.0, 30.0)  # f-numbers of `experiments`
 
 @dataclass(frozen=True, kw_only=True)
 class Setup(Checked):
-    """All parameters of a synthetic scene.
+    """All parameters of a synthetic scene. Raises InputError if one is not allowed, or does not fit the others.
 
     Attributes
     ----------
@@ -217,8 +217,8 @@ def experiments(
 ) -> Iterator[tuple[str, Setup]]:
     """Yield a name and a setup for every combination of wind, viewing geometry, delay between bands, and f-number.
 
-    `winds` are in [m/s], and `delays`, from each band to the next, in [s]; viewing geometries are `LOOKS`, f-numbers
-    `F_NUMBERS`. All else is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree], f-number.
+    `winds` are in [m/s], `delays` from each band to the next in [s]; geometries are `LOOKS`, f-numbers `F_NUMBERS`.
+    All but the seed is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree], f-number.
     Setups that differ only in delay or f-number have the same seed, and therefore the same sea.
 
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]

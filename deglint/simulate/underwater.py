@@ -146,7 +146,7 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of the squares in each row [pixel], repeated for further rows; by default those of 2, 4, 8 and 16 that fit.
+        Side of squares in each row [pixel], repeated up to size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
     depth : float
         Depth of all squares [m].
 

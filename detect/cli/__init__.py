@@ -42,7 +42,7 @@ def command_line(*arguments: str) -> str:
 
 
 def main() -> NoReturn:
-    """Run the command and exit with its code: 0 success, 1 failure, 2 wrong usage, 3 nothing to score."""
+    """Run the command; exit with its code: 0 success, 1 failure, 2 wrong usage, 3 nothing to score, 130 interrupted."""
     sys.exit(run(sys.argv[1:]))
 
 

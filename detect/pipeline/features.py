@@ -36,7 +36,7 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Make the function that converts (column, row) to (longitude, latitude) [degree]; None if the scene has no CRS."""
+    """Make the function that converts (column, row) corners to (longitude, latitude) [degree]; None without a CRS."""
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
@@ -72,8 +72,8 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    Both are those of the moving boat nearest to the object, or None if it is farther away than the fastest boat moves
-    between bands. `area` is that of a pixel [m2]. Raises InputError if area, CRS or three different times are unknown.
+    Both are those of the nearest moving boat, or None if it is farther away than the fastest boat moves between bands
+    plus the object's size. `area`: of a pixel [m2]. Raises InputError if area, CRS or three distinct times are unknown.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -99,8 +99,8 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object: score, rates, `kind`; with `move` (see `to_wgs84`) also position, size [m] and bearing.
-    `rate` is the expected number of false objects per km2, `real` the probability that the object is real; NaN stands
-    for an unknown value. The score is -log10(rate), or `Object.score_max` if `rate` is unknown.
+    `rate` is the expected number of false objects per km2, `real` the probability that the object is real; NaN if not
+    known. The score is -log10(rate), or `Object.score_max` if `rate` is unknown. A nearly round object has no bearing.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
@@ -145,7 +145,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Range of rows (or columns) of a picture: `start` to `stop` of an object, plus a margin, within 0 to `size`."""
+    """Rows (or columns) of a picture: an object, `start` to `stop`, and margin, `CHIP_SIDE` or more; in 0 to `size`."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
@@ -205,7 +205,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
 
 
 def _binary(geometry: dict[str, Any], srs: int) -> bytes:
-    """Encode a GeoJSON polygon for a GeoPackage: header with CRS number `srs` and extent, then WKB multi-polygon."""
+    """Encode a GeoJSON (multi-)polygon for a GeoPackage: header (CRS number `srs`, extent), then WKB multi-polygon."""
     left, low, right, high = bounds(geometry)
     polygons = [geometry["coordinates"]] if geometry["type"] == "Polygon" else geometry["coordinates"]
     head = struct.pack("<2sBBi4d", b"GP", 0, 0b011, srs, left, right, low, high)

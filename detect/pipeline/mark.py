@@ -29,7 +29,7 @@ its rank may be false, and even if none is known to be false, there may be up to
 
 
 def joined(parts: Sequence[Places]) -> Places:
-    """Join the pixels of several tiles, and sort them in row-major order."""
+    """Join the pixels of several tiles, (rows, columns, scores) each, and sort them in row-major order."""
     start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
     rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
     order = np.lexsort((columns, rows))
@@ -92,7 +92,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold as `Rated`; for "sea" in ascending order of expected false objects per km2."""
+        """Objects above the threshold as `Rated`; for "sea" by ascending number of false objects per km2, if known."""
         model, recipe = self.plan.model, self.plan.recipe
         options: dict[str, Any] = {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance,
                                    "pixel_area": self.plan.pixel_area}  # fmt: skip

@@ -47,9 +47,9 @@ UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
 class Plan:
     """The plan of a run: what the options of a recipe mean for one scene.
 
-    `bands` are 0-based bands of the scene; `nir` are indexes in `bands`. The background is fitted inside `area` (None:
-    everywhere), or is `given`, a saved background. The fitted `background`, detector (`ready`) and `model` (of "sea")
-    are None before `fitted`, and for methods that do not use them.
+    `bands` are 0-based bands of the scene; `nir`, for "residual", are indexes in `bands`. The background is fitted to
+    the pixels to score inside `area` (None: everywhere), or is `given`, a saved background. The fitted `background`,
+    detector (`ready`) and `model` (of "sea") are None before `fitted`, and for methods that do not use them.
     """
 
     scene: Scene
@@ -83,7 +83,7 @@ class Plan:
 
     @property
     def halo(self) -> int:
-        """Width of the margin of pixels around a tile that influence the scores of the tile [pixel]."""
+        """Width of the margin around a tile that is read to score it [pixel], without that of the rule in `water`."""
         return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
 
     @cached_property
@@ -108,7 +108,7 @@ class Plan:
 
 
 def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` is a saved background, or None."""
+    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`."""
     recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
@@ -218,7 +218,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 
 
 def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use in place of "sea", and why: an option, or the number of `bands`; "" if "sea" can be used."""
+    """Detector to use in place of "sea", and why (an option, or the number of `bands`; "" if "sea" is possible)."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
@@ -235,7 +235,7 @@ def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
 
 
 def water_of_removal(scene: Scene, nir: int) -> Water | None:
-    """Rule that finds the water, and its bands, from the sidecar of `deglint remove`; None if not valid for band `nir`.
+    """Rule that finds the water, and its bands, from the sidecar of `deglint remove`; None without one for band `nir`.
 
     The rule was made for uncorrected visible bands, but depends mostly on the NIR, which the removal has copied.
     """

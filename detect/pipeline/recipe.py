@@ -31,9 +31,9 @@ class Recipe:
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        Estimator of the covariance, as in `detect.background.fit`; "local" allows "empirical" and "ridge".
+        Covariance, as in `detect.background.fit`; "local" allows "empirical" and "ridge", "lines" only "empirical".
     background : str
-        Pixels to compare with. "": all valid pixels; else a GeoJSON file, mask raster, window, or saved background.
+        Pixels in the mask to compare with. "": all valid ones; else GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
         Bands to use (empty: visible bands for "sea", else all or those of the saved background), and NIR bands (for
         "residual" and the water mask), by name or 1-based number.
@@ -130,7 +130,7 @@ class Outputs:
     chips: Path | None = None  # folder for the pictures of the objects
 
     def check(self, recipe: Recipe) -> None:
-        """Raise InputError if the recipe cannot produce the requested outputs."""
+        """Raise InputError if the recipe cannot produce an output, or an extension or a combination is not allowed."""
         for wrong, message in (
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "

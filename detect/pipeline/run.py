@@ -90,7 +90,7 @@ def score_file(
     source : path or sequence of paths
         GDAL name(s) of the input, as `deglint.open_scene` takes them.
     image : path
-        Output, a local GeoTIFF of one float32 band, NaN where a pixel is not valid. `image`.json is written beside it.
+        Output, a local GeoTIFF of one float32 band, NaN if not valid or masked out. `image`.json is written beside it.
     recipe : Recipe, optional
         By default "sea" where there is water, else global RX.
     threads : int, optional

@@ -134,7 +134,7 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
 
 
 def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
-    """Count the pixels of a tile by result; `mask` is False where masked out, `states` is that of local RX, or None."""
+    """Count the pixels of a tile by result; `mask` (False: masked out) and `states` (of `score_part`) may be None."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

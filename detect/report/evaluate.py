@@ -97,7 +97,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     Raises
     ------
     InputError
-        The grids differ, there is no target or no background, or all scores are equal.
+        Files or options do not allow an evaluation; for example, the grids differ, or all scores are equal.
     ReadError
         A file cannot be read.
     """
@@ -136,7 +136,7 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
 
 
 def read_inputs(request: Request) -> Inputs:
-    """Read the files of a request: score rasters, and the truth, which is a raster or a GeoJSON file."""
+    """Read the files of a request: score rasters, the truth, which is a raster or a GeoJSON file, and the mask."""
     scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
@@ -171,7 +171,7 @@ def _first_band(scene: Scene) -> Array:
 
 
 def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
-    """Read the truth: object number (0: background) and validity of each pixel, (row, column); may add to `notes`."""
+    """Read object numbers (0: background) and valid pixels, (row, column); add `notes`. `scores`: path of `grid`."""
     if Path(path).suffix.lower() in (".geojson", ".json"):
         marks = _drawn(path, grid, notes)
         return marks, np.ones(marks.shape, np.bool_)

@@ -70,7 +70,7 @@ def provenance(request: Request, command: str, seconds: float, checksum: Checksu
 
 
 def _objects(found: Evaluation) -> list[list[ObjectScore]]:
-    """Rows of the table of objects, in order of lowest Pfa; a row has the scores of one object by every detector."""
+    """First 200 rows of the table of objects, sorted by lowest Pfa; a row has one object's scores by every detector."""
     scored = [{o.number: o for o in d.objects.objects} for d in found.detectors if d.objects is not None]
     rows = [[s[number] for s in scored] for number in (scored[0] if scored else ())]
     return sorted(rows, key=lambda row: (min(o.pfa for o in row), row[0].number))[:_MOST_ROWS]

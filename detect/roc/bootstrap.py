@@ -66,7 +66,7 @@ def bootstrap(
     `scores`, `objects` (the number of the object of a pixel; 0: background) and `valid` (False: the pixel is not used)
     are (row, column). `draws` is the number of draws; the same `seed` gives the same result. `block` is the side of the
     blocks of background [pixel], by default `default_block`; `pfa` is (points,), by default `default_grid`.
-    Raises InputError where `Roc.of` does, and if `draws` is below 2 or `block` below 1.
+    Raises InputError where `Roc.of` does, and if `scores` are not 2-D, `draws` is below 2 or `block` is below 1.
     """
     if scores.ndim != 2:
         raise InputError(f"scores must be (row, column) to be cut into blocks, got shape {scores.shape}.")
@@ -97,9 +97,9 @@ def default_grid(background: int) -> Float64:
 
 
 def _levels(roc: Roc) -> Array:
-    """Ascending scores, (levels,), between which scores are counted: distinct target scores, and background scores.
+    """Ascending levels, (levels,), between which scores are counted: some scores, and the next larger float of each.
 
-    Those with log-spaced or evenly spaced ranks are taken. After each score, the next larger float is also a level.
+    Of target scores at most 1024, evenly spaced by rank, are taken; of background scores even and log-spaced ranks.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:
@@ -112,7 +112,7 @@ def _levels(roc: Roc) -> Array:
 
 
 def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -> tuple[Any, Any]:
-    """Count scores where `ok`, in bins between `levels`: of objects, (objects, bins), and of blocks, (blocks, bins)."""
+    """Count scores where `ok`, in bins between `levels`; two sparse arrays, (objects, bins) and (blocks, bins)."""
     from scipy.sparse import coo_array, csr_array, vstack
 
     bins = len(levels) + 1

@@ -281,7 +281,7 @@ def _variance(v10: Float64, v01: Float64) -> float:
 
 
 def usable(scores: Array, truth: Array, valid: Mask | None = None) -> Mask:
-    """Mask of the pixels to use: score and truth are not NaN, and `valid` is True. All arrays have the same shape."""
+    """Mask of the pixels to use: score and truth not NaN, and `valid` True. Raises InputError if the shapes differ."""
     if scores.shape != truth.shape or (valid is not None and valid.shape != scores.shape):
         shapes = ", ".join(str(a.shape) for a in (scores, truth, valid) if a is not None)
         raise InputError(f"scores, truth and valid must be of one shape, got {shapes}.")

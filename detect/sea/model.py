@@ -156,7 +156,7 @@ def fit(
 
 
 def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = None) -> Float32:
-    """Distance of every sea pixel from the water around it [standard deviation]; NaN on land and in the class `RIM`.
+    """Distance of every sea pixel from the water around it [standard deviation]; NaN where land, `RIM` or not valid.
 
     `block` and `nir`, (band, row, column), `classes` and the result, (row, column), cover the requested pixels and a
     margin of `model.halo` pixels. `nir` is needed if the model was fitted with a NIR.
@@ -207,7 +207,7 @@ class _State:
         return out
 
     def narrow(self, model: SeaModel) -> None:
-        """Recompute `used`: all water but pixels with a large Mahalanobis distance, and two pixels around each."""
+        """Recompute `used`: `water` without the pixels within two pixels of a large distance at the largest scale."""
         z = self.standardised(model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         self.used = self.water & ~grown(far, 5)

@@ -54,7 +54,7 @@ class SeaRule:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Length and width of the largest floating object [pixel]."""
+        """Length and width of the largest floating object [pixel], scaled down where the length is above `MOST`."""
         scale = min(1 / self.pixel, MOST / self.length if self.length else math.inf)
         return self.length * scale, self.width * scale
 

@@ -113,7 +113,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`). `fine` is True if pixels are smaller than a boat.
+    `_LARGE_OBJECTS`, `_BODY`). `fine` is True if pixels are smaller than a boat.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -154,7 +154,7 @@ class Search:
     classes : (row, column) ndarray of uint8
         Class of each pixel, from `detect.sea.region`.
     objects : list of dict
-        One record per object, highest score first; `pandas.DataFrame(search.objects)` makes a table.
+        One per object, highest score first: label, score, pixels, area_m2, row, column (mean of pixels), false_per_km2.
     threshold, clutter, model : Threshold, Clutter, SeaModel
         Threshold of the scores for the requested rate; `clutter` converts a score to the expected number of false
         objects per km2; `model` holds the statistics of the water.
@@ -190,12 +190,12 @@ def score_scene(
     Returns
     -------
     Search
-        Scores and objects; ships alongside a quay, and holes of the mask next to land, are not among the objects.
+        Scores and objects. Ships alongside a quay, and holes of the mask next to land or an edge, are no objects.
 
     Raises
     ------
     InputError
-        The shapes of image and mask differ.
+        Shape or type of the image, the shape of the mask, `pixel`, `pfa` or `side` is not allowed.
     NoWaterError
         The image has fewer than 100 pixels of water.
 

@@ -154,7 +154,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """Folder with metadata of `family` for `place`, or None. `folder` lists the files in `place` if it is a folder."""
+    """Nearest folder above `place` with metadata of `family`, or None. `folder` lists the files in a folder `place`."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -170,10 +170,10 @@ def _radiometry(info: RasterInfo, facts: Facts) -> tuple[dict[str, Any], list[st
 
 
 def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
-    """MicaSense's conversion of file values p to radiance L; None if the XMP has no values for it.
+    """MicaSense's conversion of file values p to radiance L; None if XMP and EXIF lack values for it.
 
-    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with the vignette correction V at
-    column x and row y, the black level [file value], the exposure time t [s], and a1, a2, a3 of RadiometricCalibration.
+    L = V(x, y) R(y) (p - black) a1 / (gain t 2^16), R = 1 / (1 + (a2 / t - a3) y), with vignette correction V, column
+    x, row y, black level [file value], gain (ISO speed / 100), exposure time t [s], a1 to a3 of RadiometricCalibration.
     """
     exif = {k: number(v.strip("()")) for k, v in info.tags.get("EXIF", {}).items()}
     calibration, dark, centre, vignette = (
@@ -198,7 +198,7 @@ def _micasense(info: RasterInfo, facts: Facts) -> Calibration | None:
 def _dji(facts: Facts) -> Calibration | None:
     """DJI's conversion of file values p to numbers proportional to radiance; None if the XMP has no values for it.
 
-    The result is c (p - black) / (gain t 2^16), in no known unit; t is the exposure time [s], c a factor of the camera.
+    It is V c (p - black) / (gain t 2^16) in no known unit: vignette correction V, camera factor c, exposure time t [s].
     """
     micro, gain = positive(one(facts, "ExposureTime")), positive(one(facts, "SensorGain"))
     black = number(one(facts, "BlackLevel") or one(facts, "BlackCurrent"))

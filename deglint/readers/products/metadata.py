@@ -100,7 +100,7 @@ class Container:
     def tree(self, member: str, needs: str = "") -> ET.Element:
         """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        JSON objects and groups become elements. Raises MetadataError if the file is damaged or has no element `needs`.
+        Objects and groups become elements. Raises ReadError, or MetadataError if the file is damaged or has no `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -128,7 +128,7 @@ def is_archive(path: str) -> bool:
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:
-    """List the files in a folder and its subfolders, not following links to folders; `named` is as in `Container`."""
+    """List files in a folder and its subfolders (no hidden files or links to folders); `named` is as in `Container`."""
     files = (Path(folder) / name for folder, _, names in os.walk(path) for name in names if not name.startswith("."))
     members = (file.relative_to(path).as_posix() for file in islice(files, MOST_MEMBERS))
     return Container(str(path), "folder", tuple(sorted(members)), named)
@@ -305,7 +305,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Scale, offset, nodata and tags in the file take precedence. `sensor` is the value for the tag "sensor", or None.
+    Scale, offset, nodata and dataset tags in the file take precedence. `sensor` is the value of tag "sensor", or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     own = bool(scaled_by_itself(info))
