@@ -15,7 +15,7 @@ from deglint.errors import FitError, InputError
 from deglint.physics.presets import preset
 from deglint.pipeline import correct as correcting
 from deglint.raster.simulated import write_scene
-from deglint.remove import GlintModel, SampleTile, nir_request, wiener
+from deglint.remove import BandFit, GlintIndex, GlintModel, SampleTile, nir_request, wiener
 from deglint.remove.kernels import _within_chance, offsets
 from deglint.remove.levels import LevelSample, shared_level, shared_level_error
 from deglint.remove.predict import glint
@@ -140,6 +140,17 @@ def test_a_reef_that_the_nir_sees_does_not_teach(faint):
     request = replace(nir_request(BANDS, [3]), faint=faint)
     slopes = [f.slope for f in wiener.fit(request, [SampleTile(block, every, every)]).fits]
     np.testing.assert_allclose(slopes, SLOPES[:3].ravel(), rtol=0.1)
+    order = [4, 0, 1, 2, 3]  # a file whose SWIR comes first
+    swir = 100 + 0.5 * (block[3] - 100) + np.random.default_rng(2).normal(0, 1, block[3].shape)
+    both = np.stack([*block, swir.astype(np.float32)])
+    bands = (*BANDS, Band("SWIR", 1610.0))
+    usual, moved = (
+        wiener.fit(
+            replace(nir_request([bands[b] for b in o], [o.index(3)]), faint=faint), [SampleTile(both[o], every, every)]
+        )
+        for o in ([0, 1, 2, 3, 4], order)
+    )
+    np.testing.assert_allclose([f.slope for f in moved.fits], [f.slope for f in usual.fits], rtol=1e-9)
     resolved = wiener.fit(replace(request, resolved=True), [SampleTile(block, every, every)]).fits
     assert max(f.slope for f in resolved) > 3  # where pixels resolve waves, glint differs as much from place to place
 
@@ -340,6 +351,16 @@ def test_strips_are_found_and_each_follows_its_own_waves():
     left = [block[0] - glint(block, m, np.ones((256, 384), bool))[0][0] for m in (one, two)]
     assert left[1][:, :150].std() < 0.3 * left[0][:, :150].std()
     assert GlintModel.from_json(two.to_json()) == two
+
+
+def test_a_model_needs_the_pixels_and_bands_of_both_kinds_of_strip():
+    near, far = (GlintIndex((3,), (1.0,), 0.0, ((at, at),)) for at in (0, 2))
+    wide = replace(far, bands=(2,))
+    fit = BandFit(0, "BLUE", 0, 1.0)
+    model = GlintModel("wiener", (near,), (fit,), tuple(b.name for b in BANDS), second=(wide,))
+    assert (model.halo, model.index_bands) == (2, (2, 3))
+    with pytest.raises(InputError, match="RED"):
+        model.for_bands(("BLUE", "GREEN", "NIR"))
 
 
 def test_models_survive_json_and_say_what_they_follow():

@@ -109,7 +109,7 @@ class GlintModel:
     @property
     def halo(self) -> int:
         """Number of pixels that are needed on every side of a tile to apply the model."""
-        reach = max((abs(o) for i in self.indexes for at in i.offsets for o in at), default=0)
+        reach = max((abs(o) for i in (*self.indexes, *self.second) for at in i.offsets for o in at), default=0)
         return max((r.halo for r in self.references), default=0) + reach
 
     def __str__(self) -> str:
@@ -179,7 +179,7 @@ class GlintModel:
     @property
     def index_bands(self) -> tuple[int, ...]:
         """0-based bands that the glint indexes use, in ascending order."""
-        return tuple(sorted({b for i in self.indexes for b in i.bands}))
+        return tuple(sorted({b for i in (*self.indexes, *self.second) for b in i.bands}))
 
 
 def _checked(model: GlintModel) -> GlintModel:

@@ -89,7 +89,7 @@ def fit(
     586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
     sets = band_sets(request)
-    rules = _rules(request, tiles, sorted({r for s in sets for r in s.references}))
+    rules = _rules(request, tiles, list(dict.fromkeys(r for s in sets for r in s.references)))
     learnt = _trusted([_learnt(tile, request, rules) for tile in tiles], request)
     grams = [_gathered(s, learnt, request) for s in sets]
     if not all(len(g.grams) for g in grams):
