@@ -183,6 +183,17 @@ def test_float_to_integer_keeps_nodata_as_a_mask_and_counts_what_is_clipped(sea,
     assert result.sidecar["pixels"]["clipped"]["nir"] > 0
 
 
+def test_float_to_integer_makes_what_is_not_finite_nodata(sea, write, read, tmp_path):
+    raw = sea(dtype="float32")
+    raw[:, :10] = np.nan
+    raw[:, 10:15] = -9999
+    raw[1, 40, 3] = np.inf
+    remove_glint(write(tmp_path / "in.tif", raw, nodata=-9999), tmp_path / "out.tif", HEDLEY, dtype="int16")
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert dataset.nodata == -9999
+    np.testing.assert_array_equal(read(tmp_path / "out.tif") == -9999, ~np.isfinite(raw) | (raw == -9999))
+
+
 @pytest.mark.parametrize(
     ("dtype", "values", "expected", "clipped"),
     [

@@ -184,7 +184,7 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Convert file values to the type `dtype` and the nodata value of an output.
+    """Convert file values to the type `dtype` and the nodata value of an output; NaN of an integer becomes nodata.
 
     Returns the new values, and the mask of valid values that were clipped; None if none can be clipped. Arrays are
     (band, row, column). `valid` is the mask of valid values, None if all are. `own` has the nodata of each band of
@@ -192,6 +192,8 @@ def relaid(
     """
     lost, own = None, own[: len(raw)]
     hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
+    if nodata is not None and raw.dtype.kind == "f" and np.dtype(dtype).kind in "iu":  # which have no NaN
+        hidden = np.isfinite(raw) if hidden is None else hidden & np.isfinite(raw)
     if raw.dtype != np.dtype(dtype):
         raw, lost = retype(raw, np.dtype(dtype))
         if lost is not None and valid is not None:
