@@ -91,6 +91,7 @@ def test_reading_a_chain():
         ("identify-level, remove, replace-level", "replace-level needs a level"),
         ("normalise, identify-median, median, replace-bands", "replace-bands needs glint"),
         ("psf:2", "psf serves identify-level"),
+        ("normalise, targets, remove", "leave out normalise"),
         ("psf, remove, identify-level, replace-level", "psf serves identify-level"),
     ],
 )

@@ -154,7 +154,7 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Raise InputError if a stage lacks what it needs before it, or after it (psf: identify-level; targets: remove)."""
+    """Raise InputError if a stage lacks what it needs before it or (psf) after it, or cannot follow another."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]
@@ -164,6 +164,8 @@ def _check(names: Sequence[str]) -> None:
             raise InputError("posterior treats what removal leaves: name remove before it.")
         if name == "targets" and "remove" in before:
             raise InputError("targets are found before the removal: name remove after it.")
+        if name == "targets" and "normalise" in before:
+            raise InputError("targets are found in the values as read: leave out normalise.")
         if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
         if name in ("replace-bands", "median") and "glint" not in ready:

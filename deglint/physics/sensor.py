@@ -98,9 +98,9 @@ class Sensor(Checked):
 def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:
     """Return the wavelengths of all bands in steps of 1 nm, and a function that averages spectra over each band.
 
-    Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out; each band must reach
-    into this range. The wavelengths, (n,) [nm], are those of the first band, then of the second, and so on. The
-    function takes values (n, ...) at these wavelengths, and returns their mean over each band, (band, ...).
+    Wavelengths outside 300 to 1000 nm, the range of the tables of light and water, are left out; BandError is raised
+    for a band that does not reach into this range. The wavelengths, (n,) [nm], are those of the first band, then of the
+    second, and so on. The function takes values (n, ...) at them, and returns their mean over each band, (band, ...).
 
     >>> wavelength, mean = band_means([SensorBand(name="green", low=540, high=542, full_scale=1.0)])
     >>> mean(wavelength).tolist()
@@ -108,6 +108,8 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
     """
     ranges = [np.arange(max(b.low, WAVELENGTH_RANGE[0]), min(b.high, WAVELENGTH_RANGE[1]) + 0.5) for b in bands]
     sizes = np.array([steps.size for steps in ranges])
+    if outside := ", ".join(b.name for b, size in zip(bands, sizes, strict=True) if not size):
+        raise BandError(f"band(s) {outside}: light is known from 300 to 1000 nm only; leave them out of the sensor")
     starts = np.cumsum(sizes) - sizes
 
     def mean(values: Floats) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 
 from . import draw
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, YELLOW, Canvas, Image, Point, around, polar
-from .mission import Mission
+from .mission import SUN_LIMIT, Mission
 from .picture import Caption, conditions, layers, page, place_words, sky_disc, star
 from .reticle import Reticle, sentence
 from .swath import Line
@@ -44,7 +44,7 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 
 def selected(moments: Sequence[Moment]) -> list[int]:
     """Select at most 12 evenly spaced times with the sun up, including the best; return their indices in `moments`."""
-    up = [k for k, m in enumerate(moments) if m.sun_zenith <= 89.0]
+    up = [k for k, m in enumerate(moments) if m.sun_zenith <= SUN_LIMIT]
     if not up:
         return []
     best = best_moment(moments)

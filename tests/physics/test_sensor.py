@@ -11,6 +11,7 @@ from deglint.physics.presets import PRESETS, preset
 from deglint.physics.sensor import (
     Sensor,
     SensorBand,
+    band_means,
     cutoff,
     digitise,
     electrons,
@@ -189,6 +190,11 @@ def test_a_shift_looks_further_down_and_right():
         (lambda: replace(THESIS, pitch=8.0), InputError, "pitch must be 1e-07 to 0.001 m, got 8"),
         (lambda: replace(THESIS, bits=20), InputError, "bits must be 1 to 16"),
         (lambda: Sensor(name="x", bands=(), gsd=1.0, f_number=4.0, pitch=8e-6), BandError, "no bands"),
+        (
+            lambda: band_means([SensorBand(name="B11", low=1565, high=1655, full_scale=1.0)]),
+            BandError,
+            "leave them out",
+        ),
         (
             lambda: observe(np.zeros((30, 16), complex), THESIS, 545.0, factor=4),
             InputError,
