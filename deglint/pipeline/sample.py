@@ -41,7 +41,7 @@ from .recipe import smallest_object
 
 HALO = 64  # halo around a training tile [pixel]: windows, kernels and clumps of the first stages need it
 TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
-"""Number and side of the squares on which candidates are tried, and their halo [pixel]; they take 2 to 3 seconds."""
+"""Number and side of the squares on which candidates are tried, and their halo [pixel]; they take a few seconds."""
 AS_LARGE = 0.9  # squares with samples of at least this share of the largest sample are equally suited for trials
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
