@@ -92,6 +92,13 @@ def test_reading_a_chain():
         ("normalise, identify-median, median, replace-bands", "replace-bands needs glint"),
         ("psf:2", "psf serves identify-level"),
         ("normalise, targets, remove", "leave out normalise"),
+        ("targets, normalise, identify-median, median", "leave out normalise"),
+        ("remove, normalise", "name it at the beginning"),
+        ("remove, normalise, posterior", "name it at the beginning"),
+        ("normalise, remove, identify-median, replace-bands", "name remove after it"),
+        ("identify-level:9, targets, remove", "name replace-level"),
+        ("identify-level:9, targets, remove, identify-level, replace-level", "name replace-level"),
+        ("identify-median:5, median:25, targets, remove", "name median after them"),
         ("psf, remove, identify-level, replace-level", "psf serves identify-level"),
     ],
 )
@@ -100,6 +107,19 @@ def test_refusals_are_one_clear_line(text, words):
         parse(text)
     assert words in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "targets, remove, identify-median, median",
+        "identify-median, targets, median, remove",
+        "identify-level:9, targets, median",
+        "identify-level:9, replace-level, targets, remove",
+    ],
+)
+def test_targets_stand_before_removal_and_median(text):
+    assert "targets" in [s.name for s in parse(text)]
 
 
 @pytest.mark.parametrize(

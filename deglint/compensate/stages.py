@@ -75,6 +75,14 @@ STAGES: dict[str, Kind] = {
 }  # fmt: skip
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Chain of Fink (2014), section 6.3, as far as it can be reconstructed."""
+NEVER_AFTER = {
+    ("normalise", "remove"): "normalise prepares stages before the removal: name it at the beginning, or leave it out.",
+    ("normalise", "targets"): "targets are found in the values as read: leave out normalise.",
+    ("replace-bands", "remove"): "replace-bands needs normalised bands, and remove ends that: name remove after it.",
+    ("targets", "remove"): "targets are found before the removal: name remove after it.",
+    ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
+    ("targets", "median"): "targets are found before the median replaces them: name median after them.",
+}  # (a stage, a stage that cannot come before it): why
 
 
 @dataclass(frozen=True)
@@ -154,18 +162,20 @@ def _number(name: str, text: str) -> float:
 
 
 def _check(names: Sequence[str]) -> None:
-    """Raise InputError if a stage lacks what it needs before it or (psf) after it, or cannot follow another."""
+    """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
     ready: set[str] = set()
     for place, name in enumerate(names):
         before, after = names[:place], names[place + 1 :]
-        if name == "psf" and "identify-level" not in after[: after.index("remove") if "remove" in after else None]:
+        after = after[: after.index("remove")] if "remove" in after else after
+        for other in before:
+            if (name, other) in NEVER_AFTER:
+                raise InputError(NEVER_AFTER[name, other])
+        if name == "psf" and "identify-level" not in after:
             raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
         if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
-        if name == "targets" and "remove" in before:
-            raise InputError("targets are found before the removal: name remove after it.")
-        if name == "targets" and "normalise" in before:
-            raise InputError("targets are found in the values as read: leave out normalise.")
+        if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
+            raise InputError("targets after identify-level are replaced before the removal: name replace-level.")
         if name == "replace-bands" and "normalise" not in before:
             raise InputError("replace-bands needs bands of one scale: name normalise at the beginning.")
         if name in ("replace-bands", "median") and "glint" not in ready:
