@@ -363,6 +363,13 @@ def test_a_model_needs_the_pixels_and_bands_of_both_kinds_of_strip():
         model.for_bands(("BLUE", "GREEN", "NIR"))
 
 
+def test_an_nir_that_does_not_vary_is_refused_though_a_second_does():
+    block = np.concatenate([swell_block(), swell_block(seed=1)[3:]])
+    block[3] = 100
+    with pytest.raises(FitError, match="the NIR does not vary"):
+        fitted(block, (*BANDS, Band("NIR2", 950.0)))
+
+
 def test_models_survive_json_and_say_what_they_follow():
     model = fitted(swell_block())
     assert GlintModel.from_json(model.to_json()) == model

@@ -188,7 +188,8 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     edges = np.arange(count + 1) * len(grams.grams) // count
     groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
     total = np.sum(groups, axis=0)
-    usable = [s for s in band_set.supports if len(s) <= len(grams.sides) and total[grams.columns(len(s) - 1, 1)].any()]
+    varied = [total[grams.columns(k, 1)].any() for k in range(len(grams.sides))]
+    usable = [s for s in band_set.supports if len(s) <= len(varied) and varied[0] and varied[len(s) - 1]]
     if not usable or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
