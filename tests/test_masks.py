@@ -146,6 +146,21 @@ def test_a_grey_town_in_radiance_is_not_water():
     assert not fit_water([town], ROLES).has_water
 
 
+def nearly_equal(kind):
+    rng = np.random.default_rng(0)
+    if kind == "clouds":
+        return (0.2 + rng.normal(0, 0.01, (4, 250, 250))).astype(np.float32)
+    if kind == "steps":
+        return (1e7 + rng.integers(0, 4, (4, 100, 100))).astype(np.float32)
+    return np.stack([np.full((100, 100), v, np.float32) for v in (4e7, 4e7, 4e7, 3e7)])
+
+
+@pytest.mark.parametrize("kind", ["clouds", "steps", "even"])
+def test_numbers_that_differ_by_a_few_steps_of_float32_are_looked_at(kind):
+    rule = fit_water([nearly_equal(kind)], ROLES)
+    assert rule.pixels == nearly_equal(kind)[0].size
+
+
 def test_all_water_and_no_water():
     assert fit_water([open_water()], ROLES, pixel=10.0).all_water
     land = open_water()

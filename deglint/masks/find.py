@@ -381,16 +381,17 @@ def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, 
     """Logarithm of a smoothed histogram, (bin,), of sorted `values` from `low` to `high`; and the edges of its bins."""
     between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
     bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
-    counts, edges = np.histogram(between, bins, (low, high))
+    counts, edges = np.histogram(between.astype(np.float64) - low, bins, (0.0, high - low))  # narrower than float32
     kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
-    return np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5), edges
+    return np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5), edges + low
 
 
 def _emptiest(nir: FloatArray) -> float:
     """Upper edge of the last histogram bin with (nearly) fewest pixels of sorted `nir`: end of the gap above water."""
     if not nir[-1] > nir[0]:
         return float(nir[-1])
-    counts, edges = np.histogram(nir, GAP_BINS)
+    start = float(nir[0])
+    counts, edges = np.histogram(nir.astype(np.float64) - start, GAP_BINS)
     least = int(counts.min())
     chance = least + 2 * np.sqrt(least) + 1  # two standard deviations of a count, and one pixel
-    return float(edges[1:][np.flatnonzero(counts <= chance)[-1]])
+    return start + float(edges[1:][np.flatnonzero(counts <= chance)[-1]])
