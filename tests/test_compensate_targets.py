@@ -173,10 +173,15 @@ def test_without_a_background_the_image_is_left_without_targets():
     assert contrast(out.targets, added) > 0.75  # the local mean holds some of the target
 
 
-@pytest.mark.parametrize(("offsets", "word"), [([None] * 8, "not known"), ([0.0] * 8, "less than 10 ms")])
+@pytest.mark.parametrize(
+    ("offsets", "word"),
+    [([None] * 8, "not known"), ([0.0] * 8, "less than 10 ms"), ([0.0] * 7 + [0.1], "less than 10 ms")],
+)
 def test_without_instants_there_is_no_test_and_a_reason(offsets, word):
     image, clean, _ = scene("white")
-    state, stage = fitted(image, clean, setting(offsets))
+    bands = setting(offsets).bands
+    infrared = replace(bands[-1], wavelength=1600.0)  # its instant does not matter, as it is not tested
+    state, stage = fitted(image, clean, Setting((*bands[:-1], infrared), (6, 7)))
     assert word in stage.reason
     assert stage.halo == 0
     assert stage.apply(state) is state

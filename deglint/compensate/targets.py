@@ -33,7 +33,7 @@ from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
 from . import spectra
 from .spectra import Flash, Model, Places
-from .state import Float32, Mask, Sample, Setting, State, full_scale
+from .state import LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
 
@@ -266,13 +266,14 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     local mean is used. `number`: false-alarm rate per pixel, default 1e-5. Raises FitError if the sample is too small.
     """
     t, w = setting.offsets, setting.wavelengths
-    if t is None or not setting.delayed:
-        why = "are not known" if t is None else "differ by less than 10 ms"
-        return Targets(reason=f"time offsets of the bands {why}: nothing distinguishes targets from sparkle")
-    order = sorted((b for b in range(len(w)) if 300 < w[b] < 1000), key=list(zip(t, w, strict=True)).__getitem__)
+    order = [b for b in range(len(w)) if 300 < w[b] < 1000]
     if len(order) < FEWEST_BANDS:
         return Targets(reason=f"{len(order)} bands are between 300 and 1000 nm, need at least {FEWEST_BANDS}")
-    stage, t = described(sample, setting, order), t[list(order)]
+    if t is None or np.ptp(t[order]) < LEAST_DELAY:
+        why = "are not known" if t is None else "differ by less than 10 ms"
+        return Targets(reason=f"time offsets of the bands {why}: nothing distinguishes targets from sparkle")
+    order.sort(key=list(zip(t, w, strict=True)).__getitem__)
+    stage, t = described(sample, setting, order), t[order]
     if np.ptp(t) <= LASTS:
         stage = replace(stage, full=tuple(full_scale(sample, setting)[order].tolist()))
     blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
