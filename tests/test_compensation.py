@@ -100,6 +100,21 @@ def test_a_saved_chain_gives_the_same_result(made, tmp_path, chain):
     assert np.array_equal(open_scene(out).read(), open_scene(again).read())
 
 
+def test_a_saved_chain_is_json_without_infinity(sea, write, tmp_path):
+    path, file = write(tmp_path / "sea.tif", sea(dtype="float32")), tmp_path / "model.json"
+    recipe = Recipe(method="hedley", compensate="remove, posterior:3")
+    chain = remove_glint(path, tmp_path / "out.tif", recipe, model_file=file).fitted.chain
+    assert "Infinity" not in file.read_text()
+    assert np.isinf(chain.after[0].saturation).all()
+    assert load_chain(str(file)) == chain
+
+
+def test_errors_need_the_level_before_the_removal(sea, write, tmp_path):
+    recipe = Recipe(method="hedley", compensate="remove, identify-level:9, replace-level")
+    with pytest.raises(DeglintError, match="identify-level before remove"):
+        remove_glint(write(tmp_path / "sea.tif", sea()), tmp_path / "out.tif", recipe, stderr=tmp_path / "errors.tif")
+
+
 def test_a_saved_chain_of_an_earlier_version_is_refused(made, tmp_path):
     path, _ = made()
     file = tmp_path / "old.json"

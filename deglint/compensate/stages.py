@@ -243,7 +243,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _tuples(value: Any) -> Any:
-    """A copy of a value in which every list is replaced by a tuple, also inside lists and dictionaries."""
+    """A copy of a value, also of nested ones, with a tuple for every list, in which infinity stands for None."""
     if isinstance(value, dict):
         return {k: _tuples(v) for k, v in value.items()}
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+    return tuple(np.inf if v is None else _tuples(v) for v in value) if isinstance(value, list) else value

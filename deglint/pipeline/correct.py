@@ -302,7 +302,7 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
     if work.chain.replaces and not opens:
-        raise InputError("--stderr needs a compensation with identify-level, or --compensate off.")
+        raise InputError("--stderr needs a compensation with identify-level before remove, or --compensate off.")
     every = sample_of(list(on_threads(_tiles_of(work.scene), work.training, threads)))
     chosen = [part for part in zip(every.states, every.inside, strict=True) if part[1].any()]
     if not chosen:

@@ -18,6 +18,7 @@ from ..checks import as_path, check_choice
 from ..compensate.stages import Chain, chain_from
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
+from ..raster.output import plain
 from ..readers.grid import pixel_size
 from ..readers.text import read_text
 from ..remove import GlintModel
@@ -278,7 +279,7 @@ def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
 
 def saved(fitted: Fitted) -> str:
     """The model and the compensation of a fit as JSON text, which `--save-model` writes."""
-    compensation = {"compensation": fitted.chain.numbers()} if fitted.chain.runs else {}
+    compensation = {"compensation": plain(fitted.chain.numbers())} if fitted.chain.runs else {}
     return json.dumps(json.loads(fitted.model.to_json()) | compensation, indent=2)
 
 
