@@ -34,8 +34,9 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
 
 def check_number(name: str, value: Any, low: float, high: float, unit: str, remedy: str) -> None:
     """Raise InputError if `value` is no number, NaN or outside [low, high]; the other arguments are as in `within`."""
-    if np.isnan(within(name, value, low, high, unit, remedy)).any():
-        raise InputError(f"{name} must be a finite number, got {value}; give one.")
+    array = within(name, value, low, high, unit, remedy)
+    if isinstance(value, (str, bytes)) or array.ndim or np.isnan(array):
+        raise InputError(f"{name} must be a finite number, got {value!r}; give one.")
 
 
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
@@ -63,7 +64,9 @@ class Checked:
             if "allowed" in own.metadata:
                 choice(own.name, value, own.metadata["allowed"])
             if "range" in own.metadata and value is not None:
-                check_number(own.name, value, *own.metadata["range"])
+                several = isinstance(own.default, tuple) and hasattr(value, "__iter__")
+                for number in value if several else (value,):
+                    check_number(own.name, number, *own.metadata["range"])
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:
