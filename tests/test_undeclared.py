@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deglint import open_scene
+from deglint import Recipe, correct, fit_scene, open_scene
 from deglint.masks import Roles, fit_water, water
 from deglint.readers.roles import find_nir
 from deglint.readers.undeclared import settled, undeclared
@@ -90,6 +90,24 @@ def test_the_highest_number_of_twelve_bits_is_saturation(sea, write, tmp_path):
 def test_what_is_declared_is_not_asked_for(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", bordered(sea, -9999), nodata=0)
     assert not undeclared(open_scene(source)).notes
+
+
+@pytest.mark.parametrize("stray", [0, -7])
+def test_one_pixel_of_0_hides_no_border_of_another_value(stray, sea, write, tmp_path):
+    scene = bordered(sea, 20_000, "int16")
+    scene[:, 50, 60] = stray
+    found = settled(open_scene(write(tmp_path / "in.tif", scene)))
+    assert found.source.info.nodatas == (20_000,) * 4
+
+
+def test_a_second_fit_to_a_scene_finds_the_same_and_says_it_once(sea, write, tmp_path, caplog):
+    raw = bordered(sea, 0, "uint16")
+    scene = open_scene(write(tmp_path / "in.tif", raw, names=None))
+    recipe = Recipe(method="hedley", sample="all", mask="none")
+    first, second = (fit_scene(scene, recipe) for _ in range(2))
+    assert second.model == first.model
+    assert caplog.text.count("is taken for nodata") == caplog.text.count("are taken for blue,green,red,nir") == 1
+    np.testing.assert_array_equal(np.isnan(correct(scene, second)[0]), raw[0] == 0)
 
 
 def test_only_a_part_of_a_large_scene_is_looked_at(sea, write, tmp_path, monkeypatch):
@@ -209,3 +227,24 @@ def test_another_order_of_four_bands_is_not_guessed(sea, write, deglint, tmp_pat
     ran = deglint("info", write(tmp_path / "in.tif", sea(100, 120)[[3, 2, 1, 0]], names=None))
     assert "no near-infrared band" in ran.out + ran.err
     assert "taken for" not in ran.out + ran.err
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "expected"),
+    [
+        (("blue",), (2, 1, 0, 3), [485.0, 555.0, 660.0, 840.0]),
+        ((None, None, "red"), (2, 1, 0, 3), [485.0, 555.0, 660.0, 840.0]),
+        (("red",), (0, 1, 2, 3), [660.0, 555.0, 485.0, 840.0]),
+        ((None, "red"), (0, 1, 2, 3), [None, 660.0, None, None]),
+    ],
+)
+def test_the_order_of_bands_does_not_contradict_the_name_of_one(names, order, expected, sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea(100, 120)[list(order)], names=names)
+    assert [b.wavelength for b in settled(open_scene(source)).bands] == expected
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [0, np.nan])
+def test_four_bands_without_names_or_valid_values_stay_unknown(value, write, tmp_path):
+    source = write(tmp_path / "in.tif", np.full((4, 50, 60), value, "float32"), names=None)
+    assert not undeclared(open_scene(source)).wavelengths

@@ -62,14 +62,14 @@ class RasterSource:
         self._lock = threading.Lock()
         self._idle: list[list[Any]] = []
         self._closed = False
-        self.settled = False  # whether undeclared nodata and offset were searched for in the pixels
+        self.undeclared: Any = None  # what `deglint.readers.undeclared` found in the pixels; None before it searched
 
     def declared(self, info: RasterInfo) -> Self:
-        """Copy of this source with the nodata and offsets of `info`; `settled` is True: others are not searched for."""
+        """Copy of this source with the nodata and offsets of `info`."""
         left = iter(info.nodatas)
         found = copy.copy(self)
         found.files = tuple(replace(f, nodatas=tuple(islice(left, len(f.indexes)))) for f in self.files)
-        found.info, found.settled = info, True
+        found.info = info
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:

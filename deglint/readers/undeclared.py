@@ -82,11 +82,13 @@ def undeclared(scene: Scene) -> Undeclared:
 
     Nodata is searched for if neither the file nor the caller declares it. It is a value that all bands have in at least
     2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a square
-    of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged. Later calls for a scene find nothing.
+    of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged, and kept in the source for later calls.
     """
     source = scene.source
-    if not isinstance(source, RasterSource) or source.settled:
+    if not isinstance(source, RasterSource):
         return Undeclared()
+    if isinstance(source.undeclared, Undeclared):
+        return source.undeclared
     info, found = source.info, Undeclared()
     masked = any(f.masked or f.alpha is not None for f in source.files)
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
@@ -99,7 +101,7 @@ def undeclared(scene: Scene) -> Undeclared:
             found = _offset(scene, info, blocks, found)
         if four:
             found = _order(scene, info, blocks, found)
-    source.settled = True
+    source.undeclared = found
     for note in found.notes:
         log.warning("%s", note)
     return found
@@ -120,14 +122,19 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
-    """Find nodata: a value that all bands have over large areas of `blocks`, the tiles that were read.
+    """Find nodata: a value that all bands have over large areas of `blocks`, the tiles that were read."""
+    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
+    found = (_nodata_of(value, same, scene, info) for value in _commonest(same))
+    return next((f for f in found if f.notes), Undeclared())
+
+
+def _nodata_of(
+    value: float, same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]], scene: Scene, info: RasterInfo
+) -> Undeclared:
+    """Take `value` for nodata if its areas are large and it is not saturated; `same` is as in `_commonest`.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
     """
-    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
-    value = _commonest(same)
-    if value is None:
-        return Undeclared()
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
     for tile, raw, alike in same:
@@ -152,14 +159,15 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
     return Undeclared(nodatas, notes=(note,))
 
 
-def _commonest(same: list[tuple[Tile, npt.NDArray[Any], Mask]]) -> float | None:
-    """Most frequent value where all bands have the same value (mask in `same`); values up to 0 take precedence."""
+def _commonest(same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]]) -> list[float]:
+    """Most frequent value up to 0, and most frequent above, where all bands have the same value (mask in `same`)."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
         best = np.argsort(many)[-4:]
         counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
-    return max(counts, key=lambda value: (value <= 0, counts[value]), default=None)
+    kinds = [v for v in counts if v <= 0], [v for v in counts if v > 0]
+    return [max(values, key=counts.__getitem__) for values in kinds if values]
 
 
 def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
@@ -192,13 +200,20 @@ def _order(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclare
     """Add wavelengths of four bands to `found` if brightness and range of the values in `blocks` agree with `ORDER`."""
     nodatas = found.nodatas or info.nodatas
     dark, bright = (np.array(_percentiles(blocks, nodatas, p)) * info.scales + info.offsets for p in (DARK, UPPER))
+    if not np.isfinite(dark).all():  # of a band without valid values
+        return found
     if not (dark[3] < dark[:3].min() or (bright - dark)[3] > WIDER * (bright - dark)[:3].max()):
         return found
-    names = ORDER if dark[0] >= dark[2] else (*ORDER[2::-1], ORDER[3])
     known = [b.wavelength for b in scene.bands]
+    orders = [ORDER, (*ORDER[2::-1], ORDER[3])]
+    for names in orders if dark[0] >= dark[2] else orders[::-1]:
+        waves = tuple(w or nominal_wavelength(name) or 0.0 for name, w in zip(names, known, strict=True))
+        if None not in known[:3] or waves[0] < waves[1] < waves[2] or waves[0] > waves[1] > waves[2]:
+            break
+    else:
+        return found  # both orders contradict the names of some bands
     unnamed = ",".join(name for name, wavelength in zip(names, known, strict=True) if wavelength is None)
     said = f"bands without names are taken for {unnamed}, from their order and brightness"
-    waves = tuple(w or nominal_wavelength(name) or 0.0 for name, w in zip(names, known, strict=True))
     return replace(found, wavelengths=waves, notes=(*found.notes, f"{said}; if they are not, pass --bands NAMES"))
 
 
