@@ -158,9 +158,9 @@ class Scene:
         InputError, ReadError
             If a band (BandError) or part of the window is not in the scene, or if the file cannot be read.
         """
-        window = window or ((0, self.height), (0, self.width))
+        (top, bottom), (left, right) = window or ((0, self.height), (0, self.width))
         indexes = range(len(self.bands)) if bands is None else [self.index(b) for b in bands]
-        return self.source.read(window, list(indexes))
+        return self.source.read(((top, bottom), (left, right)), list(indexes))
 
     def index(self, band: int | str) -> int:
         """0-based index of a band given by 0-based index or by name (case does not matter).

@@ -314,6 +314,9 @@ def test_what_is_not_a_model_is_refused(text):
         lambda m: m["fits"][0].update(slope="1"),
         lambda m: m["fits"][0].update(slope=float("nan")),
         lambda m: m["fits"][0].update(band=True),
+        lambda m: m["fits"][0].update(band=1),
+        lambda m: m["fits"][0].update(slope=10**400),
+        lambda m: m.update(strips={"rows": ["01", "01"]}),
         lambda m: m["indexes"][0].update(weights="1"),
         lambda m: m.update(level_interval=[1.0, 2.0]),
         lambda m: m.pop("method"),
@@ -349,6 +352,40 @@ def test_errors_say_what_to_do():
         remove.apply(block[:3], fitted("hedley", block))
     with pytest.raises(InputError, match="needs band"):
         fitted("hedley", block).for_bands(("A", "B"))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_band_named_twice_is_corrected_once(name):
+    block, _ = scene(noise=1.0)
+    twice = remove.fit(name, block, nir=NIR, bands=BANDS, correct=np.array([0, 1, 2, 0]))
+    assert twice == remove.fit(name, block, nir=NIR, bands=BANDS, correct=CORRECT)
+    assert GlintModel.from_json(twice.to_json()) == twice
+
+
+@pytest.mark.parametrize("name", ["hedley", "wiener"])
+@pytest.mark.parametrize("kind", ["uint8", "int64", "list"])
+def test_a_mask_of_numbers_is_a_mask(name, kind):
+    block, _ = scene(noise=1.0)
+    model, where = fitted(name, block), np.random.default_rng(4).random(block.shape[1:]) < 0.5
+    given = where.tolist() if kind == "list" else where.astype(kind)
+    out = remove.apply(block, model, where=given)
+    np.testing.assert_array_equal(out, remove.apply(block, model, where=where))
+    np.testing.assert_array_equal(out[:, ~where], block[:, ~where])
+
+
+@pytest.mark.parametrize("name", ["hedley", "wiener"])
+@pytest.mark.parametrize("dtype", ["float32", "int16"])
+def test_masked_pixels_are_not_valid(name, dtype):
+    block, _ = scene(noise=1.0)
+    block, holes = np.round(block).astype(dtype), np.zeros(block.shape, bool)
+    holes[NIR, 20:30, 20:50] = True
+    masked = np.ma.array(np.where(holes, -999, block), dtype, mask=holes)
+    plain = np.where(holes, np.nan, block).astype(np.float32)
+    model = fitted(name, plain)
+    assert fitted(name, masked) == model
+    np.testing.assert_array_equal(remove.apply(masked.astype(np.float32), model), remove.apply(plain, model))
+    if name == "hedley":
+        assert fitted(name, block, sample=np.ma.array(np.ones_like(holes[NIR]), mask=holes[NIR])) == model
 
 
 def test_warnings_of_doubtful_fits():

@@ -53,7 +53,7 @@ def test_the_two_truths_differ_by_the_mirrored_sky(objects):
 @pytest.mark.parametrize(
     "artefacts",
     [Artefacts(striping=0.02), Artefacts(resampling="bilinear"), Artefacts(resampling="cubic"),
-     Artefacts(resampling="lanczos"), Artefacts(jpeg=80), Artefacts(striping=0.05, resampling="cubic", jpeg=50)],
+     Artefacts(resampling="lanczos"), Artefacts(jpeg=80.0), Artefacts(striping=0.05, resampling="cubic", jpeg=50)],
 )  # fmt: skip
 def test_artefacts_change_the_image_and_leave_the_truth(artefacts):
     plain, other = simulate_together([SEA, replace(SEA, artefacts=artefacts)])

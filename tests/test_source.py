@@ -164,6 +164,12 @@ def test_windows_tile_the_whole(tmp_path):
             np.testing.assert_array_equal(scene.read(window), part)
 
 
+def test_a_window_may_be_lists(tmp_path):
+    array = numbers("uint8")
+    read = open_scene(write(tmp_path / "a.tif", array)).read([[2, 7], [3, 9]])
+    np.testing.assert_array_equal(read, array[:, 2:7, 3:9])
+
+
 def test_window_outside_is_refused_and_empty_is_empty(tmp_path):
     source = open_scene(write(tmp_path / "a.tif", numbers("uint8"))).source
     with pytest.raises(InputError, match=r"allowed inside rows 0-20 and columns 0-30, got rows 0-21"):

@@ -116,13 +116,12 @@ def fit(
     """
     check_choice(method, list(METHODS), "method")
     block, mask = _checked(block, sample)
-    references = np.atleast_1d(nir).tolist()
-    if not all(isinstance(n, int) for n in references):
-        raise InputError(f"nir: want 0-based numbers of bands of the array, got {described(nir)}.")
     known = tuple(bands) if bands else tuple(Band(f"band {i + 1}") for i in range(len(block)))
+    if len(known) != len(block):
+        raise InputError(f"bands: want one for each of the {len(block)} bands of the array, got {len(known)}.")
     if not METHODS[method].neighbours:
-        return fit_pointwise(method, nir_request(known, references, **options), [block], [mask])
-    request = nir_request(known, references, **{"regression": "detrended", **options})
+        return fit_pointwise(method, nir_request(known, nir, **options), [block], [mask])
+    request = nir_request(known, nir, **{"regression": "detrended", **options})
     water = np.ones_like(mask)
     places = squares(mask.shape, SAMPLE_SIDE)
     tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in places]
@@ -130,13 +129,14 @@ def fit(
 
 
 def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
-    """Return `block` as floats and `sample` as a mask, True everywhere if None; raise InputError for a wrong shape."""
-    block = np.asarray(block)
-    if block.ndim != 3:
-        raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
+    """Return `block` as floats, NaN where masked, and `sample` as a mask; raise InputError for a wrong shape."""
+    block = np.asanyarray(block)
+    if block.ndim != 3 or not block.size:
+        raise InputError(f"expected a (band, row, column) array with pixels, got shape {block.shape}.")
     if block.dtype not in (np.float32, np.float64):
         block = block.astype(np.result_type(block.dtype, np.float32))
-    mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(sample, np.bool_)
+    block = np.ma.filled(block, np.nan)
+    mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(np.ma.filled(sample, False), np.bool_)
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")
     return block, mask
@@ -154,7 +154,7 @@ def fit_pointwise(method: str, request: FitRequest, blocks: Sequence[FloatArray]
 
 def nir_request(
     bands: Sequence[Band],
-    nir: Sequence[int],
+    nir: int | Sequence[int],
     *,
     use: str = "mean",
     correct: Sequence[int] | None = None,
@@ -170,12 +170,12 @@ def nir_request(
 
     Raises InputError if a selection is not possible, or an option is out of range.
     """
-    if not nir or not all(0 <= b < len(bands) for b in nir):
-        raise InputError(f"NIR band(s) {list(nir)} are not among the {len(bands)} bands (counted from 0).")
+    nir = _numbers(nir, len(bands), "nir")
     limit = max([w for b in nir if (w := bands[b].wavelength)], default=math.inf)
     unknown = math.inf if any(b.wavelength for i, b in enumerate(bands) if i not in nir) else 0.0
     shorter = [i for i, b in enumerate(bands) if (b.wavelength or unknown) < limit]
-    chosen = tuple(b for b in (shorter if correct is None else correct) if b not in nir)
+    wanted = shorter if correct is None else _numbers(correct, len(bands), "correct")
+    chosen = tuple(dict.fromkeys(b for b in wanted if b not in nir))
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]
         follows: list[int | None] = [0] * len(chosen)
@@ -185,6 +185,16 @@ def nir_request(
     else:
         raise InputError(f"use of several NIR bands {use!r} is not one of mean, best, set.")
     return FitRequest(tuple(bands), chosen, tuple(indexes), tuple(follows), **options)
+
+
+def _numbers(value: int | Sequence[int], count: int, name: str) -> list[int]:
+    """The argument `name` as a list of bands; InputError if these are no numbers, or not 0 to `count` - 1."""
+    found: list[int] = np.atleast_1d(value).tolist()
+    if not all(isinstance(b, int) for b in found):
+        raise InputError(f"{name}: want 0-based numbers of bands of the array, got {described(value)}.")
+    if not all(0 <= b < count for b in found) or not found:
+        raise InputError(f"{name}: band(s) {found} are not among the {count} bands (counted from 0).")
+    return found
 
 
 def _same_group(bands: Sequence[Band], nir: Sequence[int], band: int) -> int:

@@ -151,7 +151,7 @@ class GlintModel:
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
                 raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
             return _checked(from_plain(cls, data))
-        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
@@ -192,7 +192,8 @@ def _checked(model: GlintModel) -> GlintModel:
         and {f.index for f in model.fits} <= set(range(len(model.indexes)))
         and all(len(i.bands) == len(i.weights) == len(i.offsets or i.bands) for i in indexes)
         and len(model.second) in (0, len(model.indexes))
-        and (model.strips is None or len({len(row) for row in model.strips.rows}) == 1)
+        and (model.strips is None or (model.second and len({len(row) for row in model.strips.rows}) == 1))
+        and len({f.band for f in model.fits}) == len(model.fits)
         and np.isfinite([f.slope for f in model.fits]).all()
     ):
         raise ValueError("its bands, indexes, weights, offsets, slopes or strips do not agree")

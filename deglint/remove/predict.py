@@ -129,7 +129,7 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        Physical values, NaN where not valid. Not modified.
+        Physical values, NaN or masked where not valid. Not modified.
     model : GlintModel
     where : (row, column) bool ndarray, optional
         True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.
@@ -153,7 +153,9 @@ def apply(
     >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
     np.float64(9.0)
     """
+    where = None if where is None else np.asarray(where, np.bool_)
     _check_block(block, model, where)
+    block = np.ma.filled(block, np.nan)
     if out is None:
         out = block.copy()
     elif out is not block:

@@ -67,6 +67,6 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     import cv2
 
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
     again = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
     return np.rint(levels * (again / 255.0) ** 2).astype(np.uint16)
