@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from deglint import remove
 from deglint.errors import FitError
+from deglint.remove import METHODS, gather, glint_error, merge
 from deglint.remove.model import GlintIndex
 from deglint.remove.multiband import REFERENCE_RIDGE, references
 from deglint.remove.request import FitRequest
@@ -156,3 +157,24 @@ def test_a_model_goes_through_json_and_to_bands_in_another_order():
 def test_a_sample_that_is_too_small_is_refused(shape):
     with pytest.raises(FitError, match="need at least 64"):
         fitted(linear_glint(shape=shape))
+
+
+def test_a_constant_nir_is_named():
+    block = linear_glint()
+    block[NIR] = 7
+    with pytest.raises(FitError, match=r"L832.5 is constant \(7\)"):
+        fitted(block)
+
+
+@pytest.mark.parametrize("dead", [2, 3])
+def test_a_constant_reference_counts_for_nothing(dead):
+    block = linear_glint(shape=(256, 256))
+    alive = [b for b in range(6) if b != dead]
+    expected = fitted(block[alive], [BANDS[b] for b in alive], NIR - 1).fits[0]
+    block[dead] = 7
+    asked = remove.nir_request(BANDS, [NIR])
+    plan = METHODS["multiband"].plan(asked)
+    stats = merge([gather(block[list(plan.read_bands)], np.ones((256, 256), bool), plan)], plan)
+    model = METHODS["multiband"].fit(asked, stats)
+    assert model.fits[0].r2 == pytest.approx(expected.r2, rel=1e-9)
+    assert 0 < glint_error(stats, model, model.fits[0])[0] < 0.1

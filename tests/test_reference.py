@@ -50,3 +50,9 @@ def test_nothing_is_copied_where_nothing_exceeds():
     cleaned, exceeds = clean(values, np.ones(values.shape, bool), ReferenceRule(0, 10.0, 1.0, 0.0, 1e-3))
     assert cleaned is values
     assert exceeds is None
+
+
+@pytest.mark.parametrize("sparkle", [False, True])
+def test_too_few_pixels_for_a_local_mean_set_no_limit(sparkle):
+    values = np.arange(6, dtype=np.float32).reshape(2, 3)
+    assert fit_reference([(values, np.ones(values.shape, bool))], 3, sparkle=sparkle).limit == np.inf

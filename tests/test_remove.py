@@ -388,6 +388,26 @@ def test_masked_pixels_are_not_valid(name, dtype):
         assert fitted(name, block, sample=np.ma.array(np.ones_like(holes[NIR]), mask=holes[NIR])) == model
 
 
+@pytest.mark.parametrize("regression", ["huber", "theil-sen"])
+def test_a_nir_that_varies_outside_the_pixels_of_the_regression_is_refused(regression, monkeypatch):
+    for name in ("ROBUST_PIXELS", "PAIRED_PIXELS"):
+        monkeypatch.setattr(f"deglint.remove.statistics.{name}", 4000)
+    block, _ = scene(noise=1.0)  # of 6300 pixels, every other one is used
+    block[NIR].flat[::2] = 5
+    with pytest.raises(FitError, match=r"constant in the 3150 pixels.* use --regression ols"):
+        fitted("hedley", block, regression)
+    fitted("hedley", block)
+
+
+@pytest.mark.parametrize("dent", [0.0, -4.0])
+def test_kutser_refuses_bands_without_absorption_by_oxygen(dent):
+    rng = np.random.default_rng(6)
+    block = np.rint(rng.gamma(1.0, 20.0, (1, 20, 30))) + np.zeros((8, 1, 1))
+    block[4] -= np.where(rng.random((20, 30)) < 0.5, dent, -9.0)
+    with pytest.raises(FitError, match="no absorption by oxygen at 760 nm"):
+        fitted("kutser", block)
+
+
 def test_warnings_of_doubtful_fits():
     block, _ = scene(shape=(20, 20))
     rng = np.random.default_rng(9)

@@ -8,6 +8,7 @@ not corrected for the atmosphere.
 
 from dataclasses import replace
 
+from ..errors import FitError
 from .model import GlintIndex, GlintModel
 from .request import FitRequest, check_sample, linear_model
 from .statistics import SamplePlan, SampleStatistics
@@ -30,6 +31,11 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     request = _with_depth(request)
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
+    if not deep.value > 0:
+        raise FitError(
+            f"kutser: the bands show no absorption by oxygen at 760 nm (depth {deep.value:.3g} or less). "
+            "Give values that are not corrected for the atmosphere, or choose another --method."
+        )
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
     return linear_model("kutser", request, [0.0], stats, slopes)
 

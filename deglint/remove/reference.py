@@ -66,7 +66,8 @@ def fit_reference(
         excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
         excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
-        tops += [float(excess[square].max()) for square in open_squares(sample)]
+        largest = [float(excess[square].max()) for square in open_squares(sample)]
+        tops += [top for top in largest if np.isfinite(top)]
     if not tops:
         return rule
     limit = FACTOR * float(np.percentile(tops, QUARTILE))

@@ -113,17 +113,19 @@ def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
             "Widen the sample's polygon or window, or pass --sample."
         )
     moments, first = stats.moments, len(request.correct)
-    used = [*((b,) for b in request.correct), *(index.bands for index in request.indexes)]
+    used = [*((b,) for b in request.correct), *(index.bands for index in stats.plan.indexes)]
+    nir = {b for index in request.indexes for b in index.bands}
     for v in (*range(first, len(used)), *range(first)):
         name, power = " and ".join(request.bands[b].name for b in used[v]), moments.comoment[v]
-        if v >= first and moments.minimum[v] == moments.maximum[v]:
+        reference = v >= first and nir.issuperset(used[v])  # other references may be constant
+        if reference and moments.minimum[v] == moments.maximum[v]:
             raise FitError(
                 f"{name} is constant ({moments.minimum[v]:g}) over the {moments.n} pixels of the sample, so no slope "
                 "can be fitted. Choose another --nir, or a --sample where glint varies."
             )
-        if v >= first and stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
+        if reference and stats.regressed.comoment[v, v] == 0 and request.regression == "detrended":
             raise FitError(f"{name} does not vary within windows of the sample; use --regression ols.")
-        if not (power[v] > 0 if v >= first else np.isfinite(power).all()):
+        if not (power[v] > 0 if reference else np.isfinite(power).all()):
             raise FitError(
                 f"{name} goes from {moments.minimum[v]:g} to {moments.maximum[v]:g}, squares of which are beyond "
                 "double precision. Bring it to other units, or mark what is not valid as nodata."

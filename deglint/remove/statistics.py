@@ -26,6 +26,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from ..errors import FitError
 from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, in_share, thinned
 from ..scene import FloatArray
 from .detrend import detrend
@@ -252,7 +253,7 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     mixed = about[:, rows][:, :, rows] @ w
     share = mixed @ w / removed
     score = (about[:, rows, band] - mixed) / np.maximum(1 - share, LEAST_ELSEWHERE)[:, None]
-    scale = np.sqrt(np.diag(power))  # references of any unit
+    scale = np.sqrt(np.maximum(np.diag(power), np.finfo(np.float64).tiny))  # references of any unit, or constant
     scaled = power / np.outer(scale, scale)
     half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T
     spread = half @ half.T * (count - 1) / count
@@ -283,4 +284,6 @@ def _pixelwise(stats: SampleStatistics, slope_of: Callable[[Float64, Float64], f
     bands, indexes = len(stats.plan.bands), len(stats.plan.indexes)
     step = -(-stats.values.shape[1] // most)
     values = stats.values[:, ::step].astype(np.float64)
+    if (values[bands:].min(axis=1) == values[bands:].max(axis=1)).any():
+        raise FitError(f"the NIR is constant in the {values.shape[1]} pixels of this regression; use --regression ols.")
     return np.array([[slope_of(values[bands + k], values[i]) for k in range(indexes)] for i in range(bands)])
