@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from rasterio.enums import ColorInterp
 from rasterio.transform import Affine
-from rasterio.warp import transform_bounds
+from rasterio.warp import transform, transform_bounds
 
 from deglint.errors import BandError, InputError, ReadError
 from deglint.readers import band_roles, find_nir, open_scene
@@ -385,6 +386,103 @@ def test_masked_pixels_do_not_leak_when_resampled(tmp_path):
     band = open_scene([fine, path]).read(bands=[1])[0]
     assert np.isnan(band[9:11]).all()
     assert set(np.unique(band[np.isfinite(band)])) == {100}
+
+
+@pytest.fixture
+def beside(tmp_path):
+    """Write an array as a file of 20 m pixels, and read it on the grid of another one of 10 m; NaN becomes -1."""
+    fine = write(tmp_path / "fine.tif", np.ones((1, 20, 20), "uint8"), **UTM, transform=place(5e5, 1e6, 10, 10))
+
+    def resampled(array, *, mask=None, colours=None, given=None, **options):
+        path = tmp_path / "coarse.tif"
+        with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
+            write(path, array, **UTM, transform=place(5e5, 1e6, 20, 20), **options)
+            with rasterio.open(path, "r+") as dataset:
+                if mask is not None:
+                    dataset.write_mask(mask)
+                if colours is not None:
+                    dataset.colorinterp = colours
+        return np.nan_to_num(open_scene([fine, path], nodata=given).read()[1:], nan=-1)
+
+    return resampled
+
+
+@pytest.mark.parametrize(("dtype", "nodata"), [("uint16", 0), ("uint16", 7), ("float32", -9999), ("float32", np.nan)])
+def test_nodata_of_one_band_alone_does_not_leak_when_resampled(beside, dtype, nodata):
+    array = np.full((2, 10, 10), 500, dtype)
+    array[0, :5] = nodata
+    found = beside(array, nodata=nodata)
+    assert set(np.unique(found[0])) == {-1, 500}
+    assert (found[0, :9] == -1).all()
+    assert (found[1] == 500).all()
+
+
+def test_nodata_beside_a_mask_or_alpha_does_not_leak_when_resampled(beside):
+    array, mask = np.full((2, 10, 10), 500, "uint16"), np.full((10, 10), 65535, "uint16")
+    array[:, :3], mask[:3], array[0, 5:8] = 12345, 0, 0
+    masked = beside(array, mask=mask != 0, nodata=0)
+    colours = [ColorInterp.gray, ColorInterp.undefined, ColorInterp.alpha]
+    named = ["red", "nir", "alpha"]
+    alpha = beside(np.concatenate([array, mask[None]]), colours=colours, names=named, nodata=0)
+    for found in (masked, alpha):
+        assert set(np.unique(found)) == {-1, 500}
+        assert (found[:, :5] == -1).all()
+        assert (found[0, 11:15] == -1).all()
+        assert (found[1, 8:] == 500).all()
+
+
+def test_every_number_is_data_in_a_resampled_file_too(beside):
+    array = np.full((1, 10, 10), 500, "uint16")
+    array[:, :5] = 0
+    assert (beside(array, nodata=0, given="none")[0, :8] == 0).all()
+
+
+def test_a_band_that_gdal_takes_for_alpha_is_not_resampled(beside):
+    with pytest.raises(InputError, match=r"coarse\.tif: a band that GDAL takes for alpha.*-colorinterp_4 undefined"):
+        beside(np.full((4, 10, 10), 9, "uint8"), names=["blue", "green", "red", "nir"], photometric="rgb", alpha="yes")
+
+
+def test_the_smallest_pixels_are_the_finest_in_degrees_too(tmp_path):
+    files = [
+        write(tmp_path / f"{i}.tif", np.ones((1, size, size)), crs="EPSG:4326", transform=place(23, 37, step, step))
+        for i, (size, step) in enumerate([(10, 2e-5), (20, 1e-5), (20, 1e-5 * (1 + 1e-12))])
+    ]
+    assert open_scene(files[:2]).source.info.paths == (files[0], files[1])
+    assert open_scene(files[:2]).shape == (2, 20, 20)
+    assert open_scene([files[0], *files[:0:-1]]).transform.a == 1e-5 * (1 + 1e-12)  # the first of equal ones
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_file_without_crs_lies_in_that_of_the_other(tmp_path, order):
+    paths = [
+        write(
+            tmp_path / f"{i}.tif",
+            np.full((1, 10, 10), 500, "uint16"),
+            transform=place(5e5 + 5 * i, 1e6, 10, 10),
+            crs=crs,
+        )
+        for i, crs in enumerate(("EPSG:32653", None))
+    ]
+    image = open_scene([paths[i] for i in order]).read()
+    assert np.isfinite(image).mean() > 0.9
+
+
+@pytest.mark.parametrize(("crs", "x"), [('LOCAL_CS["local",UNIT["metre",1]]', 5e5), ("EPSG:3031", 1e30)])
+def test_a_file_that_cannot_be_placed_is_one_line(tmp_path, crs, x):
+    fine = write(tmp_path / "a.tif", np.ones((1, 20, 20)), **UTM, transform=place(5e5, 1e6, 10, 10))
+    other = write(tmp_path / "b.tif", np.ones((1, 10, 10)), crs=crs, transform=place(x, 1e6, 20, 20))
+    with pytest.raises(InputError, match=r"b\.tif cannot be placed in the CRS of .*a\.tif: .*\. Check its CRS\."):
+        open_scene([fine, other])
+
+
+def test_a_reprojected_file_does_not_depend_on_the_window(tmp_path):
+    (left,), (top,) = transform("EPSG:32653", "EPSG:3857", [7e5 - 100], [4e6 + 500])
+    numbers = np.random.default_rng(0).random((1, 350, 350), "float32")
+    turned = write(tmp_path / "b.tif", numbers, crs="EPSG:3857", transform=place(left, top, 13, 13))
+    fine = write(tmp_path / "a.tif", np.ones((1, 600, 600), "uint8"), **UTM, transform=place(7e5, 4e6, 5, 5))
+    scene = open_scene([fine, turned])
+    part = scene.read(((0, 300), (0, 300)), [1])
+    np.testing.assert_allclose(scene.read(None, [1])[:, :300, :300], part, atol=3e-4)
 
 
 def test_other_crs_is_warped_and_other_places_are_refused(tmp_path):

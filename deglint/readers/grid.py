@@ -14,7 +14,7 @@ from affine import Affine
 
 from ..errors import InputError
 from ..raster import FileBands, RasterInfo, RasterSource
-from ..raster.info import describe_file, gdal_errors
+from ..raster.info import describe_file, gdal_errors, one_line
 from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
@@ -70,7 +70,8 @@ def _called(info: RasterInfo) -> str:
 
 def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int | None) -> int:
     if grid is None or grid == "finest":
-        return min(range(len(infos)), key=lambda i: (round(areas[i], 9), i))
+        least = min(areas)
+        return next(i for i, area in enumerate(areas) if area <= least * (1 + 1e-9))
     text = str(grid)
     if text.isdecimal() and 1 <= int(text) <= len(infos):
         return int(text) - 1
@@ -100,8 +101,13 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
         from rasterio.warp import transform_bounds
 
         own = (right - left) * (top - bottom)
-        left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
-        area *= abs((right - left) * (top - bottom)) / own
+        try:
+            left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
+            area *= abs((right - left) * (top - bottom)) / own
+        except gdal_errors(ArithmeticError) as error:
+            raise InputError(
+                f"{info.paths[0]} cannot be placed in the CRS of {first.paths[0]}: {one_line(error)}. Check its CRS."
+            ) from error
     return (left, bottom, right, top), area
 
 
@@ -154,22 +160,29 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> Fil
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
+    if info.alpha is None and any("alpha" in flags for flags in info.mask_flags):
+        raise InputError(
+            f"{info.paths[0]}: a band that GDAL takes for alpha cannot be resampled as data. Declare it as data: "
+            f"gdal_edit.py -colorinterp_{info.count} undefined {info.paths[0]}"
+        )
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
+    nodatas, alpha = info.nodatas, info.alpha
+    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     warp: dict[str, Any] = {
-        "src_crs": info.crs or anywhere,
-        "crs": reference.crs or anywhere,
+        "src_crs": info.crs or reference.crs or anywhere,
+        "crs": reference.crs or info.crs or anywhere,
         "transform": _transform(reference),
         "height": reference.height,
         "width": reference.width,
         "resampling": Resampling[how],
-        "tolerance": 0.01,
+        "tolerance": 1e-4,  # [pixel]; positions depend on the window by this much
+        "src_nodata": declared,
+        "nodata": declared,
+        "UNIFIED_SRC_NODATA": "NO",  # a pixel may be nodata in one band alone, or masked
     }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
-    nodatas, alpha = info.nodatas, info.alpha
-    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     if declared is not None:
-        warp |= {"src_nodata": declared, "nodata": declared}
         nodatas = (declared,) * len(nodatas)
     elif alpha is None:
         warp["add_alpha"], alpha = True, info.count + 1
