@@ -207,6 +207,13 @@ def test_close_and_pickle(tmp_path):
     np.testing.assert_array_equal(copy.read(WHOLE, [0]), array[:1])
 
 
+def test_a_read_that_ends_after_close_leaves_no_file_open(tmp_path):
+    source = open_scene(write(tmp_path / "a.tif", numbers("uint8"))).source
+    with source._datasets() as handles:
+        source.close()
+    assert handles[0].closed
+
+
 def test_truncated_file_opens_and_then_says_where_it_breaks(tmp_path):
     path = tmp_path / "a.tif"
     rng = np.random.default_rng(1)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from rasterio.transform import from_origin
 
 from deglint import Recipe, correct, fit_scene, open_scene
 from deglint.masks import Roles, fit_water, water
@@ -46,6 +47,23 @@ def test_nodata_none_says_that_they_are_data(sea, write, tmp_path):
     assert settled(open_scene(source, nodata="none")).source.info.nodatas == (None,) * 4
     with pytest.raises(Exception, match=r'"none": every number is data.* want a number'):
         open_scene(source, nodata="all")
+
+
+@pytest.mark.parametrize(("value", "dtype"), [(0, "uint16"), (-9999, "float32")])
+def test_a_border_is_left_out_before_files_are_resampled(value, dtype, sea, write, tmp_path):
+    coarse, fine = (sea(60, 60, dtype=dtype)[:2].repeat(n, 1).repeat(n, 2) for n in (1, 2))
+    coarse[:, :20], fine[:, :40] = value, value
+    ends = {20: {"transform": from_origin(400_000, 800_000, 20, 20)}, 10: {}}
+    found = []
+    for nodata in (None, value):
+        files = [
+            write(tmp_path / f"{step}_{nodata}.tif", array, names=names, nodata=nodata, **ends[step])
+            for step, array, names in ((10, fine, ("blue", "green")), (20, coarse, ("red", "nir")))
+        ]
+        found.append(settled(open_scene(files)))
+    assert [scene.source.info.nodatas for scene in found] == [(value,) * 4] * 2
+    np.testing.assert_array_equal(*(scene.read() for scene in found))
+    assert np.nanmin(found[0].read()) > 50
 
 
 def test_info_and_rxdetect_say_the_same(sea, write, deglint, tmp_path):

@@ -47,6 +47,15 @@ class FileBands:
             flat=info.flat,
         )
 
+    def declared(self, nodatas: tuple[float | None, ...]) -> Self:
+        """A copy with other nodata values; if all are the same number, resampling leaves it out."""
+        if self.warp is None or nodatas[0] is None or len({*nodatas}) > 1:
+            return replace(self, nodatas=nodatas)
+        alpha = None if self.warp.get("add_alpha") else self.alpha
+        warp = {k: v for k, v in self.warp.items() if k != "add_alpha"}
+        warp |= {"src_nodata": nodatas[0], "nodata": nodatas[0]}
+        return replace(self, nodatas=nodatas, alpha=alpha, warp=warp)
+
 
 class RasterSource:
     """Pixels of a scene, read from one file or from several on the same grid; a `deglint.scene.Source`.
@@ -66,9 +75,10 @@ class RasterSource:
 
     def declared(self, info: RasterInfo) -> Self:
         """Copy of this source with the nodata and offsets of `info`."""
-        left = iter(info.nodatas)
         found = copy.copy(self)
-        found.files = tuple(replace(f, nodatas=tuple(islice(left, len(f.indexes)))) for f in self.files)
+        if info.nodatas != self.info.nodatas:
+            left = iter(info.nodatas)
+            found.files = tuple(f.declared(tuple(islice(left, len(f.indexes)))) for f in self.files)
         found.info = info
         return found
 
@@ -193,6 +203,8 @@ class RasterSource:
         finally:
             with self._lock:
                 self._idle.append(found)
+            if self._closed:  # meanwhile
+                self.close()
 
 
 class ArraySource(RasterSource):

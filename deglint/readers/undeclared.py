@@ -90,7 +90,8 @@ def undeclared(scene: Scene) -> Undeclared:
     if isinstance(source.undeclared, Undeclared):
         return source.undeclared
     info, found = source.info, Undeclared()
-    masked = any(f.masked or f.alpha is not None for f in source.files)
+    # an added alpha only shows how far a resampled file reaches
+    masked = any(f.masked or (f.alpha is not None and not (f.warp or {}).get("add_alpha")) for f in source.files)
     silent = not info.nodata_given and all(n is None for n in info.nodatas) and not masked
     cut, four = _cut_sentinel2(scene, info), _four(scene)
     if silent or cut or four:
@@ -137,12 +138,13 @@ def _nodata_of(
     """
     total = fill = areas = 0
     single, beside = np.zeros(info.count), []
-    for tile, raw, alike in same:
+    for (tile, raw, alike), (_, _, valid) in zip(same, blocks, strict=True):
         here = alike & (raw[0] == value)
+        rim = grown(here, 3) & ~here  # where resampled bands have mixed values
         total, fill = total + here.size, fill + int(here.sum())
-        single += (raw == value).sum(axis=(1, 2))
+        single += ((raw == value) & ~rim & (True if valid is None else valid)).sum(axis=(1, 2))
         areas += int((opened(here, SOLID) | _at_edge(scene, tile, here)).sum())
-        beside.append(raw[:, grown(here, 3) & ~here].mean(axis=0, dtype=float))
+        beside.append(raw[:, rim].mean(axis=0, dtype=float))
     nodatas = tuple(value if fill >= ALONE * count else None for count in single)
     least = LEAST_SHARE if value > 0 else LEAST_OF_NOTHING
     if not least * total <= areas < total or all(n is None for n in nodatas):
