@@ -125,13 +125,14 @@ def _tiles(scene: Scene) -> list[Tile]:
 def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
     """Find nodata: a value that all bands have over large areas of `blocks`, the tiles that were read."""
     same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
-    found = (_nodata_of(value, same, scene, info) for value in _commonest(same))
+    found = (_nodata_of(value, same, blocks, scene, info) for value in _commonest(same))
     return next((f for f in found if f.notes), Undeclared())
 
 
 def _nodata_of(
-    value: float, same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]], scene: Scene, info: RasterInfo
-) -> Undeclared:
+    value: float, same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]], blocks: Sequence[Block], scene: Scene,
+    info: RasterInfo,
+) -> Undeclared:  # fmt: skip
     """Take `value` for nodata if its areas are large and it is not saturated; `same` is as in `_commonest`.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
