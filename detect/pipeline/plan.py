@@ -150,7 +150,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), []
-    method, why = _without_sea(recipe, len(recipe.bands or scene.bands))
+    method, why = without_sea(recipe, len(recipe.bands or scene.bands))
     if not why:
         try:
             searched = replace(recipe, method="sea")
@@ -217,7 +217,7 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     return recipe, None, (look.water, look.bands)
 
 
-def _without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
+def without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
     """Detector to use in place of "sea", and why (an option, or the number of `bands`; "" if "sea" is possible)."""
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):

@@ -36,7 +36,7 @@ from ..local import STATES
 from ..threshold import Tail, Threshold
 from .features import delayed_bands
 from .mark import CANDIDATES, Marker, Places, joined
-from .plan import UNKNOWN_PIXEL, Plan, Progress, fitted, make_plan
+from .plan import UNKNOWN_PIXEL, Plan, Progress, fitted, make_plan, without_sea
 from .recipe import Outputs, Recipe
 from .scoring import MEANINGS, PixelCounts, Scoring
 
@@ -147,7 +147,7 @@ def _run(
     begun = time.perf_counter()
     log_scene(scene)
     if recipe.method == "auto" and (targets.p_value or targets.background):
-        recipe = replace(recipe, method="rx")  # the default detector that has both outputs
+        recipe = replace(recipe, method=without_sea(recipe, len(scene.bands))[0])  # "sea" has neither output
     if recipe.moving:
         delayed_bands(scene)  # raises before the long work if the times of the bands are not known
     plan = make_plan(scene, recipe, threads)
@@ -183,8 +183,7 @@ def _run(
         seconds = round(time.perf_counter() - begun, 3)
         said = _describe(plan, targets, threshold, tally, checksum)
         said |= {"objects": found, "notes": [*scene.notes, *plan.notes, *notes], "warnings": warnings}
-        said |= {"seconds": seconds} | ({"cluster": cluster.numbers()} if cluster else {})
-        said = plain(said)
+        said = plain(said | {"seconds": seconds} | ({"cluster": cluster.numbers()} if cluster else {}))
         write_json(scratch, targets.sidecar, said)
     marked = "" if found is None else f", {found} objects"
     log.info("%s: %d of %d pixels scored%s in %.2f s", targets.image, tally.scored, tally.total, marked, seconds)

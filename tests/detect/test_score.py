@@ -173,6 +173,13 @@ def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
     assert (ran.code, "the saved background has 3 bands" in ran.err) == (1, True)
 
 
+@pytest.mark.parametrize(("option", "method"), [(("--window", "3,9"), "local"), (("--drop", "2"), "subspace")])
+def test_auto_with_p_values_takes_the_method_of_an_option(rxdetect, scene, tmp_path, option, method):
+    ran = rxdetect("score", scene, tmp_path / "out.tif", *option, "--p-value", tmp_path / "p.tif", "--json")
+    assert ran.code == 0, ran.err
+    assert json.loads(ran.out)["recipe"]["method"] == method
+
+
 def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, write):
     west, north = 400_000, 800_000
     ring = [(west, north), (west + 1000, north), (west + 1000, north - 2000), (west, north - 2000), (west, north)]
