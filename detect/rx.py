@@ -215,10 +215,8 @@ def rx(
     >>> np.unravel_index(scores.argmax(), scores.shape) == (20, 30)
     True
     """
-    mask = as_mask(mask, image)
-    for bad in (np.ma.getmask(image), None if nodata is None else np.asarray(image) == nodata):
-        if bad is not None and np.any(bad):
-            mask = both(mask, ~np.any(bad, axis=0))
+    if nodata is not None:
+        image = np.ma.array(image, mask=np.ma.getmaskarray(image) | (np.asarray(image) == nodata), copy=False)
     return _run("rx", image, background, mask, covariance, ridge, threads)
 
 
@@ -264,8 +262,9 @@ def _run(
     covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
 ) -> Scores:  # fmt: skip
     """Score an image with a method; fit the background if none is given. Parameters are as in `rx` and `detector`."""
+    hidden = np.ma.getmask(image)
     image = as_image(image)
-    mask = as_mask(mask, image)
+    mask = both(as_mask(mask, image), ~np.any(hidden, axis=0) if np.any(hidden) else None)
     threads = threads or default_threads()
     if not isinstance(background, Background):
         inside = both(as_mask(background, image), mask)

@@ -200,6 +200,19 @@ def test_subspace_leaves_the_leading_eigenvectors_out():
         subspace_rx(image, drop=5)
 
 
+@pytest.mark.parametrize(
+    ("function", "options"),
+    [(rx.rx, {}), (utd, {}), (rx_utd, {}), (subspace_rx, {}), (residual_rx, {"nir": [2]})],
+    ids=["rx", "utd", "rx_utd", "subspace_rx", "residual_rx"],
+)
+def test_pixels_of_a_masked_array_are_not_valid(function, options):
+    image = image_of()
+    holed = image.copy()
+    image[1, 5:9, 5:9] = -9999
+    holed[:, 5:9, 5:9] = np.nan
+    np.testing.assert_array_equal(function(np.ma.masked_equal(image, -9999), **options), function(holed, **options))
+
+
 def test_residual_is_rx_less_that_of_the_reference():
     image = image_of()
     np.testing.assert_allclose(residual_rx(image, nir=[3, 4]), rx.rx(image) - rx.rx(image[3:]), rtol=1e-8, atol=1e-8)
