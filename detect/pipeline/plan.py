@@ -177,25 +177,24 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
 
 
 def _bands(scene: Scene, recipe: Recipe, given: Background | None) -> tuple[int, ...]:
-    """0-based bands to use: `recipe.bands`; else those of `given`, a saved background, in its order; else the default.
+    """0-based bands to use: those of `given`, a saved background, in its order; else `recipe.bands`, or the default.
 
-    By default "sea" uses the visible bands if at least two are known; all bands are used otherwise.
+    By default "sea" uses the visible bands if two are known, else all. BandError if `recipe.bands` differ from `given`.
     """
-    bands = tuple(range(len(scene.bands)))
+    own = tuple(scene.index(name) for name in given.names) if given else ()
+    bands = own or tuple(range(len(scene.bands)))
     if recipe.bands:
         bands = tuple(dict.fromkeys(find_band(scene, b) for b in recipe.bands))
-    elif given is not None and given.names:
-        bands = tuple(scene.index(name) for name in given.names)
-    elif recipe.method == "sea":
+    elif not own and recipe.method == "sea":
         roles = band_roles(scene)
         colours = tuple(sorted({i for r in ("blue", "green", "red") if (i := roles[r]) is not None}))
         bands = next((b for b in (_between(scene, *_VISIBLE_RANGE), colours) if len(b) > 1), bands)
-    if given is not None and len(bands) != given.bands:
+    if given is not None and (len(bands) != given.bands or (own and set(own) != set(bands))):
         raise BandError(
-            f"the saved background has {given.bands} bands, the scene is to be used with {len(bands)}. "
-            "Name the same bands with -b."
+            f"the saved background has {given.bands} bands{': ' * bool(own)}{', '.join(given.names)}; the scene is "
+            f"to be used with {len(bands)}: {', '.join(scene.names[b] for b in bands)}. Name the same bands with -b."
         )
-    return bands
+    return own or bands
 
 
 def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None]:

@@ -173,6 +173,17 @@ def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
     assert (ran.code, "the saved background has 3 bands" in ran.err) == (1, True)
 
 
+def test_bands_by_name_are_matched_with_a_saved_background(rxdetect, scene, tmp_path):
+    saved, named, plain = (tmp_path / name for name in ("sea.json", "named.tif", "plain.tif"))
+    assert rxdetect("score", scene, tmp_path / "a.tif", "-b", "blue,green,red", "--save-background", saved).code == 0
+    assert rxdetect("score", scene, plain, "--background", saved).code == 0
+    assert rxdetect("score", scene, named, "--background", saved, "-b", "red,blue,green").code == 0
+    np.testing.assert_array_equal(scores_of(named), scores_of(plain))
+    ran = rxdetect("score", scene, tmp_path / "other.tif", "--background", saved, "-b", "blue,green,nir")
+    assert ran.code == 1
+    assert "3 bands: blue, green, red; the scene is to be used with 3: blue, green, nir" in ran.err
+
+
 @pytest.mark.parametrize(("option", "method"), [(("--window", "3,9"), "local"), (("--drop", "2"), "subspace")])
 def test_auto_with_p_values_takes_the_method_of_an_option(rxdetect, scene, tmp_path, option, method):
     ran = rxdetect("score", scene, tmp_path / "out.tif", *option, "--p-value", tmp_path / "p.tif", "--json")
