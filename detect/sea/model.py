@@ -182,7 +182,8 @@ class _State:
         self.sea = (classes > 0) & valid
         self.water = ((classes == WATER) | (classes == RIM)) & valid
         self.open = (classes == WATER) & valid
-        x = (np.asarray(block, np.float32) - model.centre[:, None, None]) / model.spread[:, None, None]
+        with np.errstate(over="ignore"):  # in float64: float32 cannot tell large values of one size apart
+            x = np.subtract(block, model.centre[:, None, None], dtype=np.float64) / model.spread[:, None, None]
         self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(box_sum(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([box_sum(b, s) for b in x]) / count[s] for s in model.scales]
@@ -229,7 +230,8 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
     """Median and robust standard deviation of every band of a sample, (band, pixel)."""
     centre = np.median(sample, axis=1)
     spread = 1.4826 * np.median(np.abs(sample - centre[:, None]), axis=1)
-    spread = np.where(spread > 0, spread, sample.std(axis=1))
+    if (even := spread == 0).any():
+        spread[even] = sample[even].std(axis=1)
     return centre, np.where(spread > 0, spread, 1.0)
 
 

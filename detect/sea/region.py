@@ -47,10 +47,9 @@ class SeaRule:
     def __post_init__(self) -> None:
         if not self.pixel > 0:
             raise InputError(f"pixel: allowed is above 0 m, got {self.pixel}.")
-        if not 0 <= self.width <= self.length:
-            raise InputError(
-                f"largest object: allowed is a length of at least its width, got {self.length:g} by {self.width:g} m."
-            )
+        if not 0 <= self.width <= self.length < math.inf:
+            size = f"{self.length:g} by {self.width:g} m"
+            raise InputError(f"largest object: allowed is a finite length of at least its width, got {size}.")
 
     @property
     def sides(self) -> tuple[float, float]:
@@ -126,8 +125,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
     rows, columns = np.nonzero(footprint)
     points = np.stack([columns, rows], axis=1).astype(np.float32)
     corners = np.concatenate([points + d for d in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5))])
-    hull = cv2.convexHull(corners.astype(np.float32))
-    (_centre, (a, b), angle) = cv2.minAreaRect(hull)
+    (_centre, (a, b), angle) = cv2.minAreaRect(cv2.convexHull(corners.astype(np.float32)))
     along = angle if a >= b else angle + 90  # of the longer side, clockwise from the direction of the rows
     return float(max(a, b)), float(min(a, b)), float((along + 90) % 180)
 

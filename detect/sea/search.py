@@ -34,7 +34,7 @@ _BODY = 60
 """With pixels smaller than a boat, a candidate of at least this size is confirmed, also with a low peak [pixel]. Noise
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6  # minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m
-_LEAST = 50  # a distribution is fitted to more than this number of peaks
+_LEAST = 50  # a distribution is fitted to more than this number of peaks above `Clutter.low`
 _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
 
 
@@ -126,11 +126,10 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     low, pixels = LOW * q90, sum(o.size for o in sure)
     peaks = np.sort([o.score_top for o in rest]).astype(np.float64)
     shape = scale = math.nan
-    if len(peaks) > _LEAST:
-        excess = peaks[peaks > low] - low
+    excess = peaks[peaks > low] - low
+    if len(excess) > _LEAST and excess[0] < excess[-1]:
         with suppress(FitError):
-            if excess.size and excess[0] < excess[-1]:
-                shape, scale = fit_pareto(excess)
+            shape, scale = fit_pareto(excess)
     share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
     return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
 

@@ -12,6 +12,7 @@ import pytest
 import rasterio
 from rasterio.transform import from_origin
 
+from deglint.errors import InputError
 from detect import sea
 from detect.objects import find, find_among
 from detect.pipeline import plan
@@ -156,6 +157,31 @@ def test_few_candidates_are_ranked_not_fitted():
     assert not clutter.fitted
     assert clutter.false_per_km2(100.0) == pytest.approx(1 / 25)
     assert "quantile" in " ".join(clutter.threshold(0.01).notes)
+
+
+def test_a_law_is_not_fitted_to_few_boats_because_noise_has_many_peaks():
+    scores = np.zeros((100, 100))
+    scores[::5, ::5] = 2.0  # above the level of candidates, but below it as the mean of three pixels
+    for column, boat in enumerate((3.0, 3.0, 3.2, 12.0)):
+        scores[50:52, 20 * column : 20 * column + 2] = boat
+    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
+    assert len(clutter.peaks) == 400
+    assert not clutter.fitted
+    assert clutter.score_at(0.05) == 12.0
+
+
+def test_a_large_offset_does_not_hide_the_sea():
+    waves = np.random.default_rng(0).normal(0, 1, (3, 100, 100))
+    waves[:, 50:53, 60:70] += 20
+    waves[:, 0, 0] = 1e300
+    near, far = sea.score_scene(waves).scores, sea.score_scene(waves + 1e8).scores
+    np.testing.assert_allclose(far, near, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [(np.inf, 60), (np.inf, np.inf), (np.nan, 60), (60, 400)])
+def test_a_largest_object_without_a_size_is_refused(size):
+    with pytest.raises(InputError, match="finite length"):
+        SeaRule(10.0, *size)
 
 
 @pytest.mark.parametrize("given", [("--pfa", "1e-3"), ("--false-per-km2", "0.5")])
