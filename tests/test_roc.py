@@ -220,6 +220,14 @@ def test_objects_are_numbered_by_the_truth_or_by_connection():
         number_objects(np.array([[0.5, 1.0]]))
 
 
+@pytest.mark.parametrize("kind", ["uint32", "int64", "float64"])
+def test_numbers_beyond_32_bits_do_not_merge_objects(kind):
+    truth = np.array([[0, 3_000_000_001, 0, 3_000_000_007]], kind)
+    with pytest.raises(InputError, match="up to 2147483647, the numbers of objects, got 3000000001"):
+        number_objects(truth)
+    np.testing.assert_array_equal(number_objects(truth, connected=True), [[0, 1, 0, 2]])
+
+
 def brute_false_alarms(mask, objects):
     labels, count = scipy_label(mask, np.ones((3, 3)))
     return sum(not (objects[labels == i] != 0).any() for i in range(1, count + 1))

@@ -155,14 +155,16 @@ def test_terminal_table(files, rxdetect):
     assert rxdetect("roc", files / "first.tif", files / "truth.tif", "--bootstrap", 0, "-q").out == ""
 
 
+def ring_of(truth, i, wider=0):
+    r, c = np.nonzero(truth == i)
+    west, east, north, south = c.min() - wider, c.max() + 1 + wider, r.min() - wider, r.max() + 1 + wider
+    corners = [(west, north), (east, north), (east, south), (west, south), (west, north)]
+    return [(400_000 + 10 * x, 800_000 - 10 * y) for x, y in corners]
+
+
 def test_truth_as_polygons_is_truth_as_pixels(files, rxdetect, geojson):
     _, _, truth = make_scene()
-    rings = []
-    for i in range(1, 7):
-        r, c = np.nonzero(truth == i)
-        west, east, north, south = c.min(), c.max() + 1, r.min(), r.max() + 1
-        corners = [(west, north), (east, north), (east, south), (west, south), (west, north)]
-        rings.append([(400_000 + 10 * x, 800_000 - 10 * y) for x, y in corners])
+    rings = [ring_of(truth, i) for i in range(1, 7)]
     far = [(0, 0), (10, 0), (10, 10), (0, 0)]
     drawn = geojson(files / "truth.geojson", *rings, far, crs="EPSG:32653")
     runs = [rxdetect("roc", files / "first.tif", t, "--json", "--per-object", "--bootstrap", 20)
@@ -170,6 +172,33 @@ def test_truth_as_polygons_is_truth_as_pixels(files, rxdetect, geojson):
     pixels, polygons = (json.loads(r.out) for r in runs)
     assert polygons["detectors"] == pixels["detectors"]
     assert "1 of 7 features" in runs[1].err
+
+
+def test_a_feature_below_another_is_told(files, rxdetect, geojson):
+    _, _, truth = make_scene()
+    rings = ring_of(truth, 1), ring_of(truth, 1, wider=1), ring_of(truth, 2)
+    drawn = geojson(files / "truth.geojson", *rings, crs="EPSG:32653")
+    ran = rxdetect("roc", files / "first.tif", drawn, "--json", "--bootstrap", 0)
+    assert json.loads(ran.out)["pixels"]["objects"] == 2
+    assert "1 of 3 features" in ran.err
+
+
+@pytest.mark.parametrize(("options", "objects"), [((), 1), (("--connected",), 2)])
+def test_a_feature_of_two_parts_is_one_object(files, rxdetect, geojson, options, objects):
+    _, _, truth = make_scene()
+    rings = ring_of(truth, 1), ring_of(truth, 2)
+    drawn = geojson(files / "truth.geojson", *rings, crs="EPSG:32653", kind="MultiPolygon")
+    ran = rxdetect("roc", files / "first.tif", drawn, "--json", "--bootstrap", 0, *options)
+    assert json.loads(ran.out)["pixels"]["objects"] == objects
+
+
+def test_one_target_pixel_has_no_interval(files, rxdetect, write):
+    truth = np.zeros((60, 80), np.uint8)
+    truth[30, 40] = 1
+    one = write(files / "one.tif", truth[None], names=None)
+    ran = rxdetect("roc", files / "first.tif", one, "--bootstrap", 0)
+    assert ran.code == 0, ran.err
+    assert "not known" in ran.out
 
 
 def test_truth_with_nodata_zero_is_background_there(files, rxdetect, write):

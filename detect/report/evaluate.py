@@ -141,7 +141,7 @@ def read_inputs(request: Request) -> Inputs:
     scenes = [open_scene(path) for path in scores]
     for path, scene in zip(scores[1:], scenes[1:], strict=True):
         _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
-    marks, known = _truth(truth, scenes[0], scores[0], notes)
+    objects, known = _truth(request, scenes[0], notes)
     for path, scene in zip(scores, scenes, strict=True):
         if len(scene.bands) > 1:
             notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
@@ -156,7 +156,6 @@ def read_inputs(request: Request) -> Inputs:
     left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
     valid = np.logical_and.reduce([known, *reasons.values()])
     turned = tuple(-array if request.lower else array for array in arrays)
-    objects = number_objects(marks, connected=request.connected)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
     if parts > many:  # a number may be a class of objects
         notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
@@ -170,13 +169,14 @@ def _first_band(scene: Scene) -> Array:
         return scene.read(bands=[0])[0]
 
 
-def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array, Mask]:
-    """Read object numbers (0: background) and valid pixels, (row, column); add `notes`. `scores`: path of `grid`."""
+def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask]:
+    """Read object numbers (0: background) and valid pixels, (row, column), on the first scores' `grid`; add `notes`."""
+    path = request.truth
     if Path(path).suffix.lower() in (".geojson", ".json"):
-        marks = _drawn(path, grid, notes)
-        return marks, np.ones(marks.shape, np.bool_)
+        drawn = _drawn(path, grid, notes)
+        return label(drawn != 0) if request.connected else drawn, np.ones(drawn.shape, np.bool_)
     scene = open_scene(path)
-    _check_grid(scene, f"TRUTH {path}", grid, f"SCORES {scores}")
+    _check_grid(scene, f"TRUTH {path}", grid, f"SCORES {request.scores[0]}")
     if len(scene.bands) > 1:
         raise InputError(f"TRUTH {path} has {len(scene.bands)} bands; want one, of 0 or an object's number.")
     if raster_of(scene).info.nodatas[0] == 0:
@@ -184,7 +184,7 @@ def _truth(path: str, grid: Scene, scores: str, notes: list[str]) -> tuple[Array
         scene = open_scene(path, nodata="none")
     marks = _first_band(scene)
     known = np.isfinite(marks)
-    return np.where(known, marks, 0), known
+    return number_objects(np.where(known, marks, 0), connected=request.connected), known
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
@@ -193,18 +193,16 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
     out = np.zeros((grid.height, grid.width), np.int32)
-    empty = 0
     for number, feature in enumerate(features, start=1):
         one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
         area = polygons(one, grid, path)
         (top, bottom), (left, right) = (
             np.clip(ends, 0, size).tolist() for ends, size in zip(area.bounds, out.shape, strict=True)
         )
-        inside = area.read(((top, bottom), (left, right)))
-        out[top:bottom, left:right][inside] = number
-        empty += not inside.any()
-    if empty:
-        notes.append(f"{empty} of {len(features)} features of {path} hold no pixel's centre in the scene: left out")
+        out[top:bottom, left:right][area.read(((top, bottom), (left, right)))] = number
+    if lost := len(features) - np.count_nonzero(np.unique(out)):
+        notes.append(f"{lost} of {len(features)} features of {path} hold no pixel's centre in the scene, or only some "
+                     "that later features hold: left out")  # fmt: skip
     return out
 
 

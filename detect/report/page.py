@@ -88,8 +88,9 @@ def table(numbers: dict[str, Any]) -> list[str]:
             + "".join(f"  {f'Pd@{r:.0e}':>9}" for r in rates)]  # fmt: skip
     for d in numbers["detectors"]:
         span = d["bootstrap"] or d["delong"]
+        interval = "not known" if span["low"] is None else f"{span['low']:.4f}-{span['high']:<7.4f}"
         out.append(
-            f"{d['name']:<{wide}}  {d['auc']:>7.4f}  {span['low']:>7.4f}-{span['high']:<7.4f}  "
+            f"{d['name']:<{wide}}  {d['auc']:>7.4f}  {interval:>15}  "
             f"{d['partial_auc']['raw']:>8.5f}  {d['average_precision']:>7.4f}"
             + "".join(f"  {p['pd']:>9.4f}" for p in d["operating_points"])
         )

@@ -17,6 +17,7 @@ from .curve import Roc, usable
 
 RATES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)  # Pfa of the operating points; only those of at least one pixel are used
 _MOST_THRESHOLDS = 40  # maximum number of thresholds of an `ObjectCurve` that are scores of objects
+_HIGHEST = np.iinfo(np.int32).max  # largest number of an object
 
 
 @dataclass(frozen=True)
@@ -53,15 +54,16 @@ def number_objects(truth: Array, *, connected: bool = False) -> Int32:
     """Number of the object to which each pixel belongs, (row, column); 0 for background.
     `truth`, (row, column), is 0 or NaN for background, else the number of an object. If only one number occurs, so that
     `truth` is a mask of all targets, or if `connected` is True, each connected part becomes an object with a number of
-    its own, from 1. Otherwise, InputError is raised if a number is not an integer.
+    its own, from 1. Otherwise, InputError is raised if a number is not an integer of 32 bits.
     """
     names = np.unique(truth[np.isfinite(truth) & (truth != 0)])
     if len(names) <= 1 or connected:
         return label(np.isin(truth, names))
-    if truth.dtype.kind == "f" and (names != np.rint(names)).any():
+    wrong = names[(names != np.rint(names)) | (np.abs(names.astype(np.float64)) > _HIGHEST)]
+    if len(wrong):
         raise InputError(
-            f"truth: allowed are 0 and integers, the numbers of objects, got {names[names != np.rint(names)][0]:g}. "
-            "SCORES come first, TRUTH last."
+            f"truth: allowed are 0 and integers up to {_HIGHEST}, the numbers of objects, got {float(wrong[0]):.12g}. "
+            "SCORES come first, TRUTH last; --connected takes any numbers."
         )
     return np.where(np.isin(truth, names), truth, 0).astype(np.int32)
 
