@@ -225,10 +225,10 @@ def check_rule(covariance: str, ridge: float) -> None:
 
 
 def as_image(image: Array) -> Array:
-    """Convert an image to an array. Raises InputError if it is not (band, row, column) with a band, of real numbers."""
+    """Convert an image to an array. Raises InputError if it is not (band, row, column), of real numbers, or empty."""
     image = np.asarray(image)
-    if image.ndim != 3 or not len(image):
-        raise InputError(f"expected a (band, row, column) array with at least one band, got shape {image.shape}.")
+    if image.ndim != 3 or not image.size:
+        raise InputError(f"expected a (band, row, column) array with at least one value, got shape {image.shape}.")
     if image.dtype.kind not in "fiu":
         raise InputError(f"expected real numbers, got {image.dtype}.")
     return image

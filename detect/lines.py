@@ -77,7 +77,7 @@ class LineScorer:
             away = taken - self._mean[:, None]
             white = whitener(ridged(self._second, _LINE_RIDGE)) @ away
             found = np.einsum("ij,ij->j", white, white)
-            out[valid] = found
+            out[valid] = np.minimum(found, np.finfo(np.float32).max)
             inside = found <= _OUT * len(values)
             if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed
                 taken = taken[:, inside]

@@ -202,8 +202,8 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     allowed = math.floor(pfa * tail.n * (1 + 1e-12))
     if allowed < 1:
         raise InputError(
-            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1 / tail.n:.2g} or more, or more pixels, "
-            "to which a tail (gpd) can be fitted."
+            f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1.05 / tail.n:.2g} or more, or more "
+            "pixels, to which a tail (gpd) can be fitted."
         )
     if allowed >= len(tail.values):
         raise InputError(
@@ -259,8 +259,11 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
             "(--threshold empirical)."
         )
     shape, scale = fit_pareto(excess)
-    value = u + _excess_at(k / tail.n / pfa, shape, scale)
-    error = _standard_error(tail.n, k, pfa, shape, scale)
+    try:
+        value = u + _excess_at(k / tail.n / pfa, shape, scale)
+        error = _standard_error(tail.n, k, pfa, shape, scale)
+    except OverflowError as beyond:
+        raise FitError(f"the threshold for pfa {pfa:g} is beyond double precision. Take a higher rate.") from beyond
     y = excess / scale
     survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
     away = 1 - survival - np.arange(k) / k

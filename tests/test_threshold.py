@@ -1,5 +1,7 @@
 """Thresholds: published quantiles, scipy's own distributions and fits, simulations; tails merged in any order."""
 
+import re
+
 import mpmath
 import numpy as np
 import pytest
@@ -187,3 +189,20 @@ def test_a_tail_that_no_law_fits_gives_its_quantile():
     assert found.method == "quantile"
     assert "ends abruptly" in found.notes[-1]
     assert found.value == from_quantile(scores, 1e-3).value
+
+
+def test_a_threshold_beyond_double_precision_is_no_fit():
+    scores = np.random.default_rng(0).pareto(0.7, 5000)
+    with pytest.raises(FitError, match="beyond double precision"):
+        from_gpd(scores, 1e-300)
+    huge = np.random.default_rng(0).chisquare(4, 5000)
+    huge[0] = 1e300
+    assert from_tail(huge, 0.01).method == "quantile"
+
+
+@pytest.mark.parametrize("n", [100, 225, 227, 1000, 4999])
+def test_the_rate_that_a_refusal_names_is_allowed(n):
+    scores = np.arange(n)
+    with pytest.raises(InputError, match="less than one") as refused:
+        from_quantile(scores, 0.9 / n)
+    assert from_quantile(scores, float(re.search("Give (.*?) or", str(refused.value))[1])).n == n

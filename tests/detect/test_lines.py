@@ -55,6 +55,15 @@ def test_refusals():
         LineScorer(0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_score_beyond_float32_is_its_largest_value():
+    scorer, lines = LineScorer(), np.random.default_rng(4).normal(50, 2, (30, 3, 100))
+    lines[20, 0, 7] = 1e30
+    scores = np.stack([scorer.score(line) for line in lines])
+    assert scores[20, 7] == np.finfo(np.float32).max
+    assert scores[20:].max(initial=0, where=np.arange(100) != 7) < 100
+
+
 def test_the_command_scores_line_by_line(rxdetect, write, tmp_path, monkeypatch):
     lines = np.random.default_rng(3).normal(500, 5, (300, 3, 80))
     lines[200, :, 40:42] += 200

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from deglint.errors import FitError, InputError
 from detect import background, local_rx, rx
 from detect.rx import METHODS, detector, residual_rx, rx_utd, score, subspace_rx, utd
+from detect.sea import score_scene
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
 ABU = ("abu-beach-1", "abu-beach-2", "abu-airport-2", "abu-urban-1")
@@ -211,6 +212,13 @@ def test_pixels_of_a_masked_array_are_not_valid(function, options):
     image[1, 5:9, 5:9] = -9999
     holed[:, 5:9, 5:9] = np.nan
     np.testing.assert_array_equal(function(np.ma.masked_equal(image, -9999), **options), function(holed, **options))
+
+
+@pytest.mark.parametrize("function", [rx.rx, background.fit, score_scene])
+@pytest.mark.parametrize("shape", [(3, 0, 50), (3, 50, 0), (0, 5, 5)])
+def test_an_empty_image_is_refused(function, shape):
+    with pytest.raises(InputError, match="at least one value"):
+        function(np.zeros(shape))
 
 
 def test_residual_is_rx_less_that_of_the_reference():
