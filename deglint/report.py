@@ -16,16 +16,13 @@ def before_after(scene: Scene, result: Path, model: GlintModel) -> bytes:
     """Draw a scene beside its correction, the file `result`; return a PNG as bytes. Captions name bands and method."""
     import cv2
 
-    known = [f.band for f in model.fits] or range(len(scene.bands))
-    bands = scene.rgb(known[::-1])
+    bands = scene.rgb(([f.band for f in model.fits] or range(len(scene.bands)))[::-1])
     info = describe_file(str(result), alpha_is_band=True)
     with RasterSource([FileBands.of(info)], info) as corrected:
         before, after = (thinned(source, scene.shape, bands) for source in (scene.source, corrected))
-    names = ", ".join(scene.bands[b].name for b in bands)
-    titles = f"before ({names})", f"after {model.method}"
+    titles = f"before ({', '.join(scene.bands[b].name for b in bands)})", f"after {model.method}"
     left, right = (_titled(*part) for part in zip(natural_colour([before, after]), titles, strict=True))
-    gap = np.full((len(left), 6, 3), 255, np.uint8)
-    _ok, png = cv2.imencode(".png", np.hstack([left, gap, right])[..., ::-1])
+    _ok, png = cv2.imencode(".png", np.hstack([left, np.full((len(left), 6, 3), 255, np.uint8), right])[..., ::-1])
     return bytes(png)
 
 

@@ -33,8 +33,7 @@ class SensorBand:
 
     def answers_to(self, name: str) -> bool:
         """Whether `name` is this band's name or one of its aliases; case, blanks and punctuation are ignored."""
-        wanted = normalise(name)
-        return any(wanted == normalise(own) for own in (self.name, *self.aliases))
+        return normalise(name) in map(normalise, (self.name, *self.aliases))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +101,8 @@ def load(name: str) -> Sensor:
     >>> load("WorldView-3").bands[6].wavelength
     832.5
     """
-    found = find(name)
-    if found is None:
-        raise InputError(
-            f"no sensor preset {name!r}; choose one of {', '.join(names())}, or give a file of your own that ends in "
-            ".toml"
-        )
+    if (found := find(name)) is None:
+        raise InputError(f"no sensor preset {name!r}; choose one of {', '.join(names())}, or give a .toml file")
     return found
 
 

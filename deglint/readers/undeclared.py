@@ -47,6 +47,7 @@ ORDER = ("blue", "green", "red", "nir")
 DARK, UPPER, WIDER = 5.0, 95.0, 1.25
 
 Mask = npt.NDArray[np.bool_]
+Alike = tuple[Tile, npt.NDArray[Any], Mask]  # a tile, its file values, and where all bands have the same value
 Block = tuple[Tile, npt.NDArray[Any], Mask | None]
 """A tile, its file values (band, row, column), and the mask of valid values, or None if all are valid."""
 
@@ -130,10 +131,9 @@ def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
 
 
 def _nodata_of(
-    value: float, same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]], blocks: Sequence[Block], scene: Scene,
-    info: RasterInfo,
-) -> Undeclared:  # fmt: skip
-    """Take `value` for nodata if its areas are large and it is not saturated; `same` is as in `_commonest`.
+    value: float, same: Sequence[Alike], blocks: Sequence[Block], scene: Scene, info: RasterInfo
+) -> Undeclared:
+    """Take `value` for nodata if its areas are large and it is not saturated.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
     """
@@ -162,8 +162,8 @@ def _nodata_of(
     return Undeclared(nodatas, notes=(note,))
 
 
-def _commonest(same: Sequence[tuple[Tile, npt.NDArray[Any], Mask]]) -> list[float]:
-    """Most frequent value up to 0, and most frequent above, where all bands have the same value (mask in `same`)."""
+def _commonest(same: Sequence[Alike]) -> list[float]:
+    """Most frequent value up to 0, and most frequent above, where all bands have the same value."""
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
@@ -188,8 +188,7 @@ def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
     spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
     named = len(spectral) > 2 and set(spectral) <= known
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
-    silent = not info.offset_given and not any(info.offsets)
-    return silent and info.dtype.kind in "iu" and named and scaled
+    return not info.offset_given and not any(info.offsets) and info.dtype.kind in "iu" and named and scaled
 
 
 def _four(scene: Scene) -> bool:

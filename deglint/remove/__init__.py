@@ -85,7 +85,7 @@ def fit(
     method : str
         Key of `METHODS`.
     block : (band, row, column) ndarray
-        Physical values, NaN where not valid.
+        Physical values, NaN or masked where not valid.
     nir : int or sequence of int
         0-based NIR band or bands; the mean of several bands is the reference unless the option `use` says otherwise.
     sample : (row, column) bool ndarray, optional
@@ -122,9 +122,8 @@ def fit(
     if not METHODS[method].neighbours:
         return fit_pointwise(method, nir_request(known, nir, **options), [block], [mask])
     request = nir_request(known, nir, **{"regression": "detrended", **options})
-    water = np.ones_like(mask)
     places = squares(mask.shape, SAMPLE_SIDE)
-    tiles = [SampleTile(block[:, r, c], water[r, c], mask[r, c], (r.start, c.start)) for r, c in places]
+    tiles = [SampleTile(block[:, r, c], np.ones_like(mask[r, c]), mask[r, c], (r.start, c.start)) for r, c in places]
     return METHODS[method].fit(request, tiles)
 
 
@@ -133,9 +132,7 @@ def _checked(block: FloatArray, sample: Mask | None) -> tuple[FloatArray, Mask]:
     block = np.asanyarray(block)
     if block.ndim != 3 or not block.size:
         raise InputError(f"expected a (band, row, column) array with pixels, got shape {block.shape}.")
-    if block.dtype not in (np.float32, np.float64):
-        block = block.astype(np.result_type(block.dtype, np.float32))
-    block = np.ma.filled(block, np.nan)
+    block = np.ma.filled(block.astype(np.result_type(block.dtype, np.float32), copy=False), np.nan)
     mask = np.ones(block.shape[1:], np.bool_) if sample is None else np.asarray(np.ma.filled(sample, False), np.bool_)
     if mask.shape != block.shape[1:]:
         raise InputError(f"sample has shape {mask.shape}, but the block has {block.shape[1:]} pixels.")

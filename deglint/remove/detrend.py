@@ -36,9 +36,7 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
     >>> float(detrend(ramp, size=3)[0, 0, 12])
     0.0
     """
-    sample = np.isfinite(block).all(axis=0)
-    if mask is not None:
-        sample &= mask
+    sample = np.isfinite(block).all(axis=0) & (True if mask is None else mask)
     count = np.maximum(_box_sum(np.asarray(sample, np.float64), size), 1.0)
     out = np.empty(block.shape)
     for band, result in zip(block, out, strict=True):

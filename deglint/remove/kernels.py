@@ -185,8 +185,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     Raises FitError if the references do not vary, or if sums of squares exceed double precision.
     """
     outputs, count = grams.outputs, min(FOLDS, len(grams.grams))
-    edges = np.arange(count + 1) * len(grams.grams) // count
-    groups = [grams.grams[first:last].sum(axis=0) for first, last in pairwise(edges)]
+    groups = [grams.grams[a:b].sum(axis=0) for a, b in pairwise(np.arange(count + 1) * len(grams.grams) // count)]
     total = np.sum(groups, axis=0)
     varied = [total[grams.columns(k, 1)].any() for k in range(len(grams.sides))]
     usable = [s for s in band_set.supports if len(s) <= len(varied) and varied[0] and varied[len(s) - 1]]
@@ -221,11 +220,8 @@ def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]
-    out = []
-    for k in range(len(least)):
-        own = _within_chance({s: loss[:, k] / least[k] for s, loss in losses.items()})
-        out.append(common if common in own else own[0])
-    return out
+    own = [_within_chance({s: loss[:, k] / at for s, loss in losses.items()}) for k, at in enumerate(least)]
+    return [common if common in some else some[0] for some in own]
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:

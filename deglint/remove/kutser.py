@@ -32,10 +32,7 @@ def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
     check_sample(request, stats)
     shallow, deep = stats.darkest[0], stats.brightest[0]
     if not deep.value > 0:
-        raise FitError(
-            f"kutser: the bands show no absorption by oxygen at 760 nm (depth {deep.value:.3g} or less). "
-            "Give values that are not corrected for the atmosphere, or choose another --method."
-        )
+        raise FitError("no oxygen absorption at 760 nm: take data before atmospheric correction, or another --method.")
     slopes = ((deep.spectrum - shallow.spectrum) / deep.value)[:, None]
     return linear_model("kutser", request, [0.0], stats, slopes)
 

@@ -156,15 +156,13 @@ def _peak(counts: Float64) -> float:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
         return float(run.mean())
     at = int(tops[0])
-    left = counts[at - 1] if at > 0 else 0.0
-    right = counts[at + 1] if at + 1 < len(counts) else 0.0
+    left, right = np.pad(counts, 1)[[at, at + 2]]
     return at + 0.5 * (left - right) / (left - 2 * counts[at] + right)
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
     """Sample without pixels near strong glint, which resampling darkens; `together`: predictions, summed over bands."""
-    strong = together > np.percentile(together[sample], STRONG_PERCENTILE)
-    return sample & ~grown(strong, PIT)
+    return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,8 +271,7 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
     """Highest possible NIR of the water, from the `visible` bands (see `shared_level`); infinite if there are none."""
     if visible is None or not visible.any():
         return np.inf
-    together = slopes @ sample.prediction
-    calm = together <= np.median(together)
+    calm = (together := slopes @ sample.prediction) <= np.median(together)
     excess = sample.value[visible][:, calm] / slopes[visible, None] - sample.prediction[visible][:, calm]
     return DARKER / (1 - DARKER) * float(np.median(excess, axis=1).min())
 

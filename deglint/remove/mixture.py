@@ -71,8 +71,7 @@ def fit(
         parts.append(np.stack([p[tile.sample] for p in predictions(references, model)]))
     found = np.concatenate(parts, axis=1)
     together = found.sum(axis=0)
-    share = max(100 * clear, CLEAR if span_of(together) < SKEWED else LEAST_GLINT)
-    least = together <= np.percentile(together, share)
+    least = together <= np.percentile(together, max(100 * clear, CLEAR if span_of(together) < SKEWED else LEAST_GLINT))
     levels = np.median(found[:, least], axis=1).tolist()
     if cut is not None:
         levels = [level + cut[fit.band] for level, fit in zip(levels, model.fits, strict=True)]
@@ -90,9 +89,8 @@ def _fitted(
     """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)
-    grams = merge(
-        [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides, size=0) for t in tiles]
-    )
+    parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides, size=0) for t in tiles]
+    grams = merge(parts)
     if not len(grams.grams):
         raise FitError("too little water in one piece to fit a removal to. Pass --sample with a piece of open water.")
     total, indexes, fits = grams.grams.sum(axis=0), [], []
@@ -104,8 +102,7 @@ def _fitted(
         power = float(total[output[0], output[0]])
         r2 = 1 - float(unexplained(total, inputs, output, weights)[0]) / power if power > 0 else 0.0
         bands = tuple(every[k] for k in used for _ in offsets(MIXTURE_SIDE))
-        index = GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(MIXTURE_SIDE) * len(used))
-        indexes.append(index)
+        indexes.append(GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(MIXTURE_SIDE) * len(used)))
         fits.append(BandFit(band, request.bands[band].name, place, 1.0, None, r2, int(grams.pixels.sum())))
     rules = tuple(ReferenceRule(r, np.inf, np.inf, 0.0, 1.0) for r in every)
     return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)

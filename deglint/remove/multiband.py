@@ -27,16 +27,11 @@ SHORTEST_REFERENCE = 640.0  # shortest wavelength of a reference [nm]
 
 def references(request: FitRequest, band: int) -> tuple[int, ...]:
     """0-based bands on which a band is regressed: longer bands, from 640 to 1050 nm; if none is known, the NIR."""
-    own = request.bands[band].wavelength
+    waves = [b.wavelength or 0.0 for b in request.bands]
     nir = {b for index in request.indexes for b in index.bands}
-    if own is None or any(request.bands[b].wavelength is None for b in nir):
-        return tuple(sorted(nir - {band}))
-    longest = max(request.bands[b].wavelength or 0.0 for b in nir)
-    found = [
-        i for i, b in enumerate(request.bands)
-        if b.wavelength and max(own, SHORTEST_REFERENCE - 1e-9) < b.wavelength <= max(longest, 1050.0)
-    ]  # fmt: skip
-    return tuple(found) or tuple(sorted(nir - {band}))
+    known = all(waves[b] for b in (band, *nir))
+    above, longest = max(waves[band], SHORTEST_REFERENCE - 1e-9), max(1050.0, *(waves[b] for b in nir))
+    return tuple([b for b, w in enumerate(waves) if known and above < w <= longest] or sorted(nir - {band}))
 
 
 def plan(request: FitRequest) -> SamplePlan:

@@ -106,8 +106,8 @@ def glint(
     return out, exceeds
 
 
-def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> None:
-    """Raise InputError if `block` is no float array of the model's bands, `model` no model, or `where` does not fit."""
+def _check_block(block: FloatArray, model: GlintModel) -> None:
+    """Raise InputError if `block` is no float array of the model's bands, or `model` no model."""
     check_kind(block, np.ndarray, "block", "Read a scene with scene.read(), or give it to deglint.correct.")
     check_kind(model, GlintModel, "model", "Make one with deglint.fit; deglint.correct takes what fit_scene gives.")
     if block.ndim != 3 or len(block) != len(model.band_names):
@@ -117,8 +117,6 @@ def _check_block(block: FloatArray, model: GlintModel, where: Mask | None) -> No
         )
     if block.dtype not in (np.float32, np.float64):
         raise InputError(f"expected float32 or float64 physical values, got {block.dtype}; convert first.")
-    if where is not None and where.shape != block.shape[1:]:
-        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
 
 
 def apply(
@@ -153,23 +151,24 @@ def apply(
     >>> apply(np.array([[[10.0]], [[4.0]]]), model)[0, 0, 0]
     np.float64(9.0)
     """
-    where = None if where is None else np.asarray(where, np.bool_)
-    _check_block(block, model, where)
+    _check_block(block, model)
+    where = np.ones(block.shape[1:], np.bool_) if where is None else np.asarray(where, np.bool_)
+    if where.shape != block.shape[1:]:
+        raise InputError(f"where has shape {where.shape}, but the block has {block.shape[1:]} pixels.")
     block = np.ma.filled(block, np.nan)
     if out is None:
         out = block.copy()
     elif out is not block:
         np.copyto(out, block)
     if model.halo:  # kernels take the whole block at once
-        water = np.ones(block.shape[1:], np.bool_) if where is None else where
-        for band, amount in glint(block, model, water)[0].items():
-            np.subtract(out[band], amount, out=out[band], where=water)
+        for band, amount in glint(block, model, where)[0].items():
+            np.subtract(out[band], amount, out=out[band], where=where)
         return out
     rows = max(1, _SLAB // max(block.shape[2], 1))
     for top in range(0, block.shape[1], rows):  # a few rows in float64, rounded once
         part = slice(top, top + rows)
         above = [index.of(block[:, part]) - index.level for index in model.indexes]
-        if where is not None and not where[part].all():
+        if not where[part].all():
             for index in above:
                 index[~where[part]] = 0.0  # x - slope * 0 is x to the bit, NaN and all
         for fit in model.fits:

@@ -66,8 +66,7 @@ def fit_reference(
         excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
         excesses.append(excess[np.isfinite(excess)])
         means.append(float(mean[sample].min(initial=np.inf)))
-        largest = [float(excess[square].max()) for square in open_squares(sample)]
-        tops += [top for top in largest if np.isfinite(top)]
+        tops += [top for s in open_squares(sample) if np.isfinite(top := float(excess[s].max()))]
     if not tops:
         return rule
     limit = FACTOR * float(np.percentile(tops, QUARTILE))

@@ -93,8 +93,7 @@ class SampleStatistics:
 
     def index_values(self, k: int) -> FloatArray:
         """Values of glint index k in the single pixels that are kept, (pixel,)."""
-        first = len(self.plan.bands) if self.plan.keep == "all" else 0
-        return self.values[first + k]
+        return self.values[k + (len(self.plan.bands) if self.plan.keep == "all" else 0)]
 
 
 def gather(

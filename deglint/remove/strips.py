@@ -45,8 +45,7 @@ class Strips:
         (top, low, down), (left, right, across) = (
             _between(np.arange(*span), n) for span, n in zip((rows, columns), kind.shape, strict=True)
         )
-        upper = kind[top][:, left] * (1 - across) + kind[top][:, right] * across
-        lower = kind[low][:, left] * (1 - across) + kind[low][:, right] * across
+        upper, lower = (kind[row][:, left] * (1 - across) + kind[row][:, right] * across for row in (top, low))
         return np.asarray(upper * (1 - down[:, None]) + lower * down[:, None], np.float32)
 
 

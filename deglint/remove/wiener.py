@@ -108,8 +108,7 @@ def fit(
     spread = float(weights @ covariance @ weights)
     sure = not spread > 0 or float(weights @ response) / np.sqrt(spread) > SURE
     model = _model(request, fitted, strips, rules, (weights, drawn, covariance))
-    left = np.concatenate([k.loss for k in every])
-    noise = float(np.exp(np.log(np.maximum(left, 1e-12)).mean() / 2))
+    noise = float(np.exp(np.log(np.maximum(np.concatenate([k.loss for k in every]), 1e-12)).mean() / 2))
     if not sure or noise > 1 - kernels.WORTH:
         why = ": they share no glint" if sure else ", which is not significant"
         said = f"the NIR takes {max(1 - noise, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
@@ -187,11 +186,9 @@ def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tupl
 
 def _serves(band: Band) -> bool:
     """Whether a band shows no signal of the water: its wavelength is 750 to 2400 nm, outside water vapour bands."""
-    if not band.wavelength or band.wavelength < 750:
-        return False
-    narrow = band.width is not None and band.width < 40
-    vapour = 1340 <= band.wavelength <= 1420 or (narrow and 925 <= band.wavelength <= 965)
-    return not vapour and band.wavelength <= 2400
+    wave, narrow = band.wavelength or 0.0, band.width is not None and band.width < 40
+    vapour = 1340 <= wave <= 1420 or (narrow and 925 <= wave <= 965)
+    return not vapour and 750 <= wave <= 2400
 
 
 @dataclass(frozen=True, eq=False)

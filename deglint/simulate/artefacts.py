@@ -53,8 +53,7 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
     move = np.array([[1.0, 0.0, GRID_SHIFT], [0.0, 1.0, GRID_SHIFT]])
-    size = numbers.shape[1], numbers.shape[0]
-    moved = cv2.warpAffine(numbers, move, size, flags=how, borderMode=cv2.BORDER_REFLECT)
+    moved = cv2.warpAffine(numbers, move, numbers.shape[::-1], flags=how, borderMode=cv2.BORDER_REFLECT)
     return np.minimum(np.asarray(moved, np.uint16), np.uint16(levels))
 
 
@@ -68,5 +67,4 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
 
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
     _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
-    again = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
-    return np.rint(levels * (again / 255.0) ** 2).astype(np.uint16)
+    return np.rint(levels * (np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)) / 255.0) ** 2).astype(np.uint16)
