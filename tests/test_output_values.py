@@ -284,7 +284,9 @@ def test_flags_say_what_was_done_to_each_pixel(sea, write, read, geojson, tmp_pa
 
 
 @pytest.mark.parametrize("compensate", ["off", "identify-level:5, replace-level"])
-@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-4, -0.1), (3e-4, 0.7)])
+@pytest.mark.parametrize(
+    ("scale", "offset"), [(1.0, 0.0), (1e-4, -0.1), (3e-4, 0.7), (1e-4, 0.0), (2.75e-5, -0.2), (0.0123, 1.0)]
+)
 def test_full_numbers_are_counted_whatever_their_scale(sea, write, tmp_path, scale, offset, compensate):
     raw = sea()
     full, below = 65535, 65534
@@ -315,3 +317,10 @@ def test_the_amount_of_scaled_integers_is_in_physical_units(sea, write, read, tm
     result = remove_glint(source, tmp_path / "out.tif", HEDLEY, amount=tmp_path / "amount.tif")
     expected = (raw - expected_of(raw, result.fitted.model, 1e-4))[:3] * 1e-4
     np.testing.assert_allclose(read(tmp_path / "amount.tif"), expected, atol=1e-6)
+
+
+def test_the_amount_of_large_integers_keeps_its_digits(sea, write, read, tmp_path):
+    raw = sea(dtype="uint32") + np.uint32(2_000_000_000)
+    remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY, amount=tmp_path / "amount.tif")
+    removed = (raw.astype(np.int64) - read(tmp_path / "out.tif"))[:3]
+    np.testing.assert_allclose(read(tmp_path / "amount.tif"), removed, atol=0.51)

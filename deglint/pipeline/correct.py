@@ -126,7 +126,7 @@ class Correction:
         if self.want_stderr:
             done.stderr = self._stderr(block, physical)
         if before is not None:
-            done.amount = np.subtract(before, physical[wanted], dtype=np.float32)
+            done.amount = (before - physical[wanted]).astype(np.float32)
         if done.amount is not None and self.noise is not None:
             amount, full = done.amount[: len(self.changed)], (flags & bits.SATURATED) > 0
             classes = bits.glint_classes(amount, np.array(self.noise), full, block.where)
@@ -179,10 +179,13 @@ class Correction:
 
     def _saturated(self, physical: Any) -> Mask:
         """Mask of saturated pixels, (band, row, column), or (band, 1, 1) if none is known; False for unknown bands."""
-        limits = np.array([b.saturation for b in self.scene.bands], physical.dtype)  # None: NaN, which nothing exceeds
+        source = raster_of(self.scene)
+        limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None: NaN, which nothing exceeds
         if np.isnan(limits).all():
             return np.zeros((len(physical), 1, 1), np.bool_)
-        return np.asarray(physical >= limits[:, None, None])
+        # converted from file values as pixels are, so that both are rounded alike
+        stored = (limits - source.info.offsets) / source.info.scales * (1 - 1e-12)
+        return np.asarray(physical >= source.to_physical(stored.astype(physical.dtype)[:, None, None]))
 
     def _remove(self, block: Block, physical: Any) -> None:
         """Subtract predicted glint from `physical`, (band, row, column), in place; set `block.changes`, `.targets`."""
