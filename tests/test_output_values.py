@@ -188,10 +188,35 @@ def test_float_to_integer_makes_what_is_not_finite_nodata(sea, write, read, tmp_
     raw[:, :10] = np.nan
     raw[:, 10:15] = -9999
     raw[1, 40, 3] = np.inf
+    raw[:, 20], raw[:, 21] = np.finfo(np.float32).max, -np.finfo(np.float32).max
     remove_glint(write(tmp_path / "in.tif", raw, nodata=-9999), tmp_path / "out.tif", HEDLEY, dtype="int16")
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert dataset.nodata == -9999
-    np.testing.assert_array_equal(read(tmp_path / "out.tif") == -9999, ~np.isfinite(raw) | (raw == -9999))
+    np.testing.assert_array_equal(
+        read(tmp_path / "out.tif") == -9999, ~np.isfinite(raw) | (raw == -9999) | (np.abs(raw) > 3e38)
+    )
+
+
+def test_numbers_that_mean_nodata_are_masked_in_an_integer_output(sea, write, read, tmp_path):
+    raw = sea(dtype="float32")
+    raw[:, 20], raw[:, 21] = np.finfo(np.float32).max, -np.finfo(np.float32).max
+    paths = {"flags": tmp_path / "flags.tif", "dtype": "uint16"}
+    said = remove_glint(write(tmp_path / "in.tif", raw), tmp_path / "out.tif", HEDLEY, **paths).sidecar
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        np.testing.assert_array_equal(dataset.read_masks(1) == 0, read(tmp_path / "flags.tif")[0] == 1)
+    assert said["pixels"]["nodata"] == 200
+    assert not any(said["pixels"]["clipped"].values())
+
+
+@pytest.mark.parametrize(("dtype", "value"), [("float32", 0.3), ("float64", -2.0), ("int16", -5)])
+def test_a_copied_number_moves_off_nodata_when_it_is_rounded_or_clipped(sea, write, read, tmp_path, dtype, value):
+    raw = sea(dtype=dtype)
+    raw[:, :10], raw[:3, 60:65] = 0, value
+    recipe = Recipe(method="hedley", sample="all", mask="0,0,100,50", compensate="off")
+    source = write(tmp_path / "in.tif", raw, nodata=0)
+    said = remove_glint(source, tmp_path / "out.tif", recipe, dtype="uint16").sidecar
+    np.testing.assert_array_equal(read(tmp_path / "out.tif") == 0, raw == 0)
+    assert said["pixels"]["clipped"] == {"blue": 500, "green": 500, "red": 500, "nir": 0}
 
 
 @pytest.mark.parametrize(
@@ -230,6 +255,22 @@ def test_bands_with_different_nodata_agree_in_the_output(sea, write, read, tmp_p
     with rasterio.open(tmp_path / "out.tif") as dataset:
         assert set(dataset.nodatavals) == {-1}
         np.testing.assert_array_equal(dataset.read() == -1, (raw == -1) | (raw == -2))
+
+
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+def test_a_band_without_nodata_keeps_the_number_that_is_nodata_in_another(sea, write, read, tmp_path, dtype):
+    raw = sea(dtype=dtype)
+    raw[:, :10], raw[3, 50:60] = 0, 0
+    paths = [
+        write(tmp_path / f"{name}.tif", raw[i : i + 1], names=[name], nodata=None if name == "nir" else 0)
+        for i, name in enumerate(("blue", "green", "red", "nir"))
+    ]
+    remove_glint(paths, tmp_path / "out.tif", Recipe(method="hedley", sample="0,60,90,20", mask="none"))
+    out = read(tmp_path / "out.tif")
+    np.testing.assert_array_equal(out[3], np.where(raw[3] == 0, out[3], raw[3]))
+    assert (out[3, 50:60] != 0).all()
+    np.testing.assert_allclose(out[3, 50:60], 0, atol=1)
+    assert (out[:, :10] == 0).all()
 
 
 @pytest.mark.parametrize("bands", [1, 3])

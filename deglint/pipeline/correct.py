@@ -15,7 +15,7 @@ from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
-from ..raster.convert import encode, relaid
+from ..raster.convert import encode, is_finite, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area
 from ..readers.grid import pixel_size
@@ -242,9 +242,8 @@ class Correction:
     def _encoded(self, block: Block, physical: Any) -> tuple[npt.NDArray[Any], Mask, Mask]:
         """All bands as numbers for the file, and masks of negative and of clipped values, (band, row, column) each."""
         info, layout = raster_of(self.scene).info, self.layout
-        raw, lost = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
-        negative, clipped = np.zeros((2, *raw.shape), np.bool_)
-        clipped = clipped if lost is None else lost
+        raw, clipped = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
+        negative = np.zeros(raw.shape, np.bool_)
         packing: Any = {"scales": info.scales, "offsets": info.offsets, "nodata": layout.nodata}
         for band, place in block.changes.items():
             (negative[band],), (outside,) = encode(physical, raw, bands=[band], where=place, **packing)
@@ -257,7 +256,7 @@ class Correction:
             return None
         found = np.ones(block.tile.shape, np.bool_) if block.valid is None else np.asarray(block.valid.all(axis=0))
         if block.raw.dtype.kind == "f" and np.dtype(self.layout.dtype).kind != "f":
-            found = found & np.isfinite(block.raw).all(axis=0)
+            found = found & is_finite(block.raw).all(axis=0)
         return found
 
 

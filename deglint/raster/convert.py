@@ -44,7 +44,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
             if offsets[band] != 0:
                 values += out.dtype.type(offsets[band])
         if raw.dtype.kind == "f":
-            values[_is_endless(numbers) | np.isinf(values)] = np.nan
+            values[~is_finite(numbers) | np.isinf(values)] = np.nan
         if valid is not None:
             values[~valid[band, rows]] = np.nan
     return out
@@ -76,13 +76,13 @@ def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
     return valid
 
 
-def _is_endless(values: Raw) -> Valid:
-    """Mask, True where a floating-point value is infinite or, in magnitude, the largest float32 or float64."""
+def is_finite(values: Raw) -> Valid:
+    """Mask, True where a floating-point value is finite and not, in magnitude, the largest float32 or float64."""
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
-        return np.asarray(size >= low)
-    return np.asarray(((size >= low) & (size <= high)) | (size >= np.finfo(np.float64).max))
+        return np.asarray(size < low)
+    return np.asarray(((size < low) | (size > high)) & (size < np.finfo(np.float64).max))
 
 
 def holds(dtype: npt.DTypeLike, number: float) -> bool:
@@ -162,16 +162,22 @@ def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | No
             put = np.clip(np.where(good, put, 0.0), low, high)
     with np.errstate(over="ignore"):
         stored = put.astype(raw.dtype)
-    if nodata is not None and np.isfinite(nodata):
-        number = raw.dtype.type(nodata)
-        hit = good & (stored == number)
-        if whole:
-            outside |= hit
-            stored[hit] = int(nodata) + (1 if number < np.iinfo(raw.dtype).max else -1)
-        else:
-            stored[hit] = np.nextafter(number, raw.dtype.type(np.inf))
+    outside |= _moved(stored, good, nodata)
     np.copyto(raw, stored, where=good)
     return outside
+
+
+def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
+    """Move values that equal `nodata` where `good` to the next number, in place; return the mask of moved integers."""
+    if nodata is None or not np.isfinite(nodata):
+        return np.zeros(stored.shape, np.bool_)
+    number = stored.dtype.type(nodata)
+    hit = good & (stored == number)
+    if stored.dtype.kind in "iu":
+        stored[hit] = int(nodata) + (1 if number < np.iinfo(stored.dtype).max else -1)
+        return hit
+    stored[hit] = np.nextafter(number, stored.dtype.type(np.inf))
+    return np.zeros(stored.shape, np.bool_)
 
 
 def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
@@ -183,23 +189,28 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
-) -> tuple[npt.NDArray[Any], Valid | None]:
+) -> tuple[npt.NDArray[Any], Valid]:
     """Convert file values to the type `dtype` and the nodata value of an output; NaN of an integer becomes nodata.
 
-    Returns the new values, and the mask of valid values that were clipped; None if none can be clipped. Arrays are
-    (band, row, column). `valid` is the mask of valid values, None if all are. `own` has the nodata of each band of
-    `raw`; further entries are ignored. If `raw` has the type `dtype`, it is changed in place and returned.
+    A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
+    that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the
+    mask of valid values, None if all are. `own` has the nodata of each band of `raw`; further entries are ignored. If
+    nothing changes, `raw` itself is returned.
     """
-    lost, own = None, own[: len(raw)]
-    hidden = None if nodata is None or all(n is None or same_nodata(n, nodata) for n in own) else is_valid(raw, own)
-    if nodata is not None and raw.dtype.kind == "f" and np.dtype(dtype).kind in "iu":  # which have no NaN
-        hidden = np.isfinite(raw) if hidden is None else hidden & np.isfinite(raw)
-    if raw.dtype != np.dtype(dtype):
-        raw, lost = retype(raw, np.dtype(dtype))
-        if lost is not None and valid is not None:
-            lost &= valid
-    if hidden is not None:
-        np.copyto(raw, np.dtype(dtype).type(nodata), where=~hidden)
+    own, to = own[: len(raw)], np.dtype(dtype)
+    if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):
+        return raw, np.zeros(raw.shape, np.bool_)
+    hidden, good = is_valid(raw, own), np.ones(raw.shape, np.bool_) if valid is None else valid
+    # where another band is not valid, the number for nodata in a band without nodata is taken for nodata, too
+    stays = good.all(axis=0) | np.array([n is not None for n in own])[:, None, None]
+    if raw.dtype.kind == "f" and to.kind in "iu":  # which have no NaN
+        finite = is_finite(raw)
+        hidden, good = finite if hidden is None else hidden & finite, good & finite
+    raw, lost = retype(raw, to)
+    lost = np.zeros(raw.shape, np.bool_) if lost is None else lost & good
+    lost |= _moved(raw, good & stays, nodata)
+    if hidden is not None and nodata is not None:
+        np.copyto(raw, to.type(nodata), where=~hidden)
     return raw, lost
 
 
