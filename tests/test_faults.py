@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import deglint as library
 from deglint import Recipe, remove_glint
 from deglint.errors import InputError, ReadError, WriteError
+from deglint.remove.strips import Strips
 
 HEDLEY = Recipe(method="hedley", sample="all", mask="none")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
@@ -159,6 +161,10 @@ def test_a_saved_model_that_does_not_fit(refused, sea, write, tmp_path):
         assert "not a saved deglint model" in refused(source, "--model", tmp_path / "m.json")
     (tmp_path / "m.json").write_text(model.to_json())
     assert "band 1" in refused(source, "--model", tmp_path / "m.json")
+    for rows in (("0", "1"), ("01",)):  # this scene is two squares high and wide
+        strips = replace(model, band_names=("blue", "green", "red", "nir"), strips=Strips(rows), second=model.indexes)
+        (tmp_path / "m.json").write_text(strips.to_json())
+        assert "the detector strips of another scene" in refused(source, "--model", tmp_path / "m.json")
 
 
 def test_an_output_that_exists(deglint, sea, write, tmp_path):

@@ -198,6 +198,25 @@ def test_a_saved_model_goes_onto_another_scene(deglint, sea, write, read, tmp_pa
     }
 
 
+def test_of_a_saved_model_the_named_bands_are_used(deglint, sea, write, read, tmp_path):
+    source, model, out = write(tmp_path / "in.tif", sea()), tmp_path / "model.json", tmp_path / "out.tif"
+    assert deglint("remove", source, tmp_path / "all.tif", *RUN, "--save-model", model).code == 0
+    again = ("remove", source, out, "--mask", "none", "--model", model)
+    assert deglint(*again, "-b", "green", "--nir", "nir").code == 0
+    expected = sea()
+    expected[1] = read(tmp_path / "all.tif")[1]
+    np.testing.assert_array_equal(read(out), expected)
+    assert list(json.loads((tmp_path / "out.tif.json").read_text())["pixels"]["changed"]) == ["green"]
+    for options, said in (
+        (("-b", "nir"), "the model does not correct nir: leave it out of -b"),
+        (("--nir", "red"), "the model takes the glint from nir: leave out --nir"),
+        (("--nir", "nosuch"), "no band 'nosuch'"),
+    ):
+        ran = deglint(*again, *options, "--overwrite")
+        assert ran.code == 1
+        assert said in ran.err
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["plain", "with red edge"])
 def test_a_saved_model_gives_the_same_on_its_own_scene(deglint, sea, write, read, tmp_path, scene):

@@ -12,6 +12,7 @@ from ..errors import FitError, InputError, NoWaterError
 from ..masks import WaterRule
 from ..moments import CELL
 from ..raster.environment import environment
+from ..readers.roles import find_band
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
@@ -192,7 +193,8 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
-    Raises InputError if the model or chain does not suit this scene, and NoWaterError if `mask` "auto" finds no water.
+    Without a chain, only `recipe.bands` are corrected. Raises InputError if the model or chain does not suit this scene
+    or the bands and NIR of the recipe, and NoWaterError if `mask` "auto" finds no water.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
@@ -202,8 +204,17 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
             f"{', '.join(scene.names)}. Fit it to a scene like this one."
         )
     model = model.for_bands(scene.names)
-    if model.strips is not None and len(model.strips.rows) != -(-scene.height // CELL):
+    squares = -(-scene.height // CELL), -(-scene.width // CELL)
+    if model.strips is not None and (len(model.strips.rows), len(model.strips.rows[0])) != squares:
         raise InputError("the model holds the detector strips of another scene: fit it to this one.")
+    nir, wanted = ({find_band(scene, b) for b in some} for some in (recipe.nir, recipe.bands))
+    if nir and nir != set(model.index_bands):
+        own = ", ".join(scene.names[b] for b in model.index_bands)
+        raise InputError(f"the model takes the glint from {own}: leave out --nir, or fit without --model.")
+    if wanted and not chain.runs:
+        if missing := ", ".join(scene.names[b] for b in sorted(wanted - {f.band for f in model.fits})):
+            raise InputError(f"the model does not correct {missing}: leave it out of -b, or fit without --model.")
+        model = replace(model, fits=tuple(f for f in model.fits if f.band in wanted))
     resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
     fitted = Fitted(model, replace(resolved, compensate=chain.text or "off"), chain=chain)
     if recipe.mask == "auto":
