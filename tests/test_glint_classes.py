@@ -58,6 +58,27 @@ def test_the_second_band_of_the_flags_has_the_classes(sea, write, read, tmp_path
     assert list(said["sun_glint"]["pixels"].values()) == np.bincount(classes.ravel(), minlength=4).tolist()
 
 
+@pytest.mark.parametrize("missing", ["rows", "scattered"])
+def test_missing_values_of_a_band_are_no_noise_and_not_counted_as_changed(sea, write, tmp_path, missing):
+    raw = sea(dtype="float32")
+    holes = np.arange(80) < 60 if missing == "rows" else np.random.default_rng(4).random((80, 100)) < 0.3
+    limits = []
+    for name, fill in (("whole", raw[1, holes]), ("holes", np.nan)):
+        raw[1, holes] = fill
+        source, flags = write(tmp_path / f"{name}.tif", raw, nodata=np.nan), tmp_path / f"{name}_flags.tif"
+        recipe = Recipe(method="hedley", sample="all", mask="none", compensate="off", bands="green,red")
+        said = remove_glint(source, tmp_path / f"{name}_out.tif", recipe, flags=flags).sidecar
+        limits.append(said["sun_glint"]["negligible_up_to"])
+    assert limits[1] == pytest.approx(limits[0], rel=0.25)
+    assert said["pixels"]["changed"] == {"green": np.isfinite(raw[1]).sum(), "red": 8000}
+
+
+@pytest.mark.parametrize("wind", ["0.05", "0.1", "15"])
+def test_sky_glint_takes_a_stated_wind_within_the_range_of_the_slope_models(sea, write, tmp_path, wind):
+    found = sky_glint(open_scene(write(tmp_path / "in.tif", sea(), describe=wavelengths(**ANGLES, WIND_M_S=wind))))
+    assert found["wind_stated"] == (wind != "0.05")
+
+
 @pytest.mark.parametrize("sky", ["harrison-coombes", "cardioidal"])
 def test_sky_glint_is_that_of_the_simulated_sea(sky, tmp_path):
     from deglint.raster.simulated import write_scene

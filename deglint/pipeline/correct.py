@@ -15,6 +15,7 @@ from ..compensate import Chain, Posterior, ReplacedError, Sample, Setting, State
 from ..compensate.uncertainty import halo as span_halo
 from ..errors import FitError, InputError
 from ..masks import WaterRule, water
+from ..morphology import eroded
 from ..raster.convert import encode, is_finite, relaid
 from ..raster.output import Layout
 from ..readers.areas import Area, open_area
@@ -337,7 +338,10 @@ def _with_noise(work: Correction, threads: int) -> Correction:
     """A copy of `work` with `noise` set to the noise of corrected pixels, including that of rounding to integers."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
-    own = [noise([np.nan_to_num(p[b]) for p in done], inside) for b in work.changed]
+    own = []
+    for band in work.changed:  # noise is estimated from 3 x 3 pixels
+        known = [i & eroded(np.isfinite(p[band]), 3) for p, i in zip(done, inside, strict=True)]
+        own.append(noise([np.nan_to_num(p[band]) for p in done], known))
     return replace(work, noise=tuple(np.hypot(own, steps[work.changed] / 12**0.5).tolist()))
 
 

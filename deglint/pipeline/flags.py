@@ -22,6 +22,7 @@ import numpy.typing as npt
 from ..physics import sky
 from ..physics.atmosphere import WAVELENGTH_RANGE, Air, irradiance
 from ..physics.glint import VIEW_LIMIT
+from ..physics.slopes import WIND_RANGE
 from ..raster.convert import holds
 from ..raster.output import Layout
 from ..readers.products.metadata import number
@@ -89,7 +90,7 @@ def counted(block: Block, flags: npt.NDArray[np.uint8], **marked: Mask) -> Pixel
         counts[name] = np.array([np.count_nonzero(mask) for mask in masks], np.int64)
     counts["changed"] = np.zeros(len(block.raw), np.int64)
     for band, place in block.changes.items():
-        counts["changed"][band] = np.count_nonzero(place)
+        counts["changed"][band] = np.count_nonzero(place & np.isfinite(block.own[band]))
     return PixelCounts(total=block.tile.pixels, **counts)
 
 
@@ -188,7 +189,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
         log.info("sky glint: not modelled, the scene does not state: %s", ", ".join(missing))
         return None
     wind, blows_from = number(tags.get("wind_m_s")) or 0.0, number(tags.get("wind_from_deg")) or 0.0
-    winds = (wind,) if 0.0 < wind <= max(SKY_WINDS) else SKY_WINDS
+    winds = (wind,) if WIND_RANGE[0] <= wind <= max(SKY_WINDS) else SKY_WINDS
     sun, sun_azimuth, view, view_azimuth = angles.values()
     place = view, view_azimuth, sun, sun_azimuth
     mirrored = {
