@@ -6,6 +6,7 @@ so that bands recorded at different times show the same waves. The surface is pe
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -81,6 +82,8 @@ def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None
 def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDArray[np.float32]:
     """Draw an array of standard normal numbers on `workers` threads; the numbers depend only on `seed` and `shape`."""
     out = np.empty(shape, np.float32)
+    if isinstance(seed, np.random.SeedSequence):
+        seed = copy(seed)  # it counts what it spawns: the next call would get other numbers
     children = np.random.default_rng(seed).spawn(SLABS)
     edges = np.linspace(0, shape[0], SLABS + 1).astype(int)
 
@@ -108,7 +111,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     shape, spacing : (int, int), float
         Numbers of rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
-        The same seed gives the same surface to the bit, whatever `workers` is.
+        The same seed gives the same surface to the bit, whatever `workers` is; a Generator another one at each call.
     workers : int
         Number of threads.
 

@@ -280,6 +280,10 @@ def test_same_seed_same_bits_whatever_the_threads():
     np.testing.assert_array_equal(one.height(0.2, workers=2), two.height(0.2, workers=1))
     other = realise(sea, shape=(150, 128), spacing=0.25, seed=10)
     assert not np.array_equal(one.amplitudes, other.amplitudes)
+    seed = np.random.SeedSequence(9)
+    for _ in range(2):
+        again = realise(sea, shape=(150, 128), spacing=0.25, seed=seed)
+        np.testing.assert_array_equal(again.amplitudes, one.amplitudes)
 
 
 def test_slabs_cover_all_rows_once():
