@@ -46,6 +46,11 @@ def test_a_reference_with_which_nothing_is_significant_does_not_serve(monkeypatc
     assert more_references(request, tiles) == ()
 
 
+def test_a_red_edge_band_that_alone_is_corrected_is_no_reference():
+    _, tiles = parts(sparkle_over_bottom()[0])
+    assert more_references(nir_request(BANDS, [3], correct=[2], regression="detrended"), tiles) == ()
+
+
 def test_further_references_lessen_what_is_left_and_are_saved():
     block, water = sparkle_over_bottom()
     request, tiles = parts(block)

@@ -106,7 +106,8 @@ def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], 
     >>> mean(wavelength).tolist()
     [541.0]
     """
-    ranges = [np.arange(max(b.low, WAVELENGTH_RANGE[0]), min(b.high, WAVELENGTH_RANGE[1]) + 0.5) for b in bands]
+    first, last = WAVELENGTH_RANGE
+    ranges = [np.arange(max(b.low, first), min(b.high + 0.5, np.nextafter(last, np.inf))) for b in bands]
     sizes = np.array([steps.size for steps in ranges])
     if outside := ", ".join(b.name for b, size in zip(bands, sizes, strict=True) if not size):
         raise BandError(f"band(s) {outside}: light is known from 300 to 1000 nm only; leave them out of the sensor")

@@ -44,15 +44,15 @@ def _taken_from_water(request: FitRequest, tiles: Sequence[SampleTile], more: tu
     """How much the references `more` (0-based bands) change the removal over water with weak glint.
 
     The result is the standard deviation of the averaged change divided by the noise, in the band where this ratio is
-    largest. It is infinite if nothing could be tested.
+    largest. It is infinite if nothing could be tested, or if all corrected bands are references.
     """
     import cv2
 
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
     plain, longer = (fit(replace(request, more=m, level_error=False), tiles) for m in (request.more, more))
-    if not plain.fits or not longer.fits:
-        return np.inf
     shorter = [f.band for f in longer.fits if f.band not in more]
+    if not plain.fits or not shorter:
+        return np.inf
     changes: list[list[FloatArray]] = [[] for _ in shorter]
     for tile in tiles:
         inside = tile.sample & np.isfinite(tile.block).all(axis=0)

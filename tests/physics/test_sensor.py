@@ -122,6 +122,13 @@ def test_noise_repeats_with_its_seed():
     assert not np.array_equal(one, other)
 
 
+def test_a_band_is_averaged_up_to_the_end_of_the_tables():
+    bands = [SensorBand(name=str(low), low=low, high=1040, full_scale=1.0) for low in (860.3, 990.0)]
+    wavelength, mean = band_means(bands)
+    assert wavelength.max() == 1000
+    np.testing.assert_allclose(mean(wavelength), [(860.3 + 999.3) / 2, 995])
+
+
 def test_delays_are_from_band_to_band():
     assert [b.time_offset for b in THESIS.bands[:3]] == [0.0, 0.06, 0.12]
     assert {b.time_offset for b in THESIS.delayed(0.0).bands} == {0.0}
