@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rasterio
 
 import deglint
 import detect
@@ -42,6 +43,21 @@ def test_a_scene_and_a_result_draw_themselves(done):
     assert after.mean() < before.mean()
     ax = scene.plot()
     assert result.plot(ax) is ax
+
+
+def test_a_result_reads_its_scene_again_as_it_was_opened(sea, write, tmp_path):
+    pytest.importorskip("matplotlib").use("agg")
+    recipe, shown = Recipe(method="hedley", sample="all", mask="none", compensate="off"), []
+    for name, options in (("said", {}), ("given", {"scale": 1e-4, "offset": -0.1})):
+        source = write(tmp_path / f"{name}.tif", sea())
+        if not options:
+            with rasterio.open(source, "r+") as dataset:
+                dataset.scales, dataset.offsets = [1e-4] * 4, [-0.1] * 4
+        (tmp_path / f"{name}.tif.aux.xml").write_text("<PAMDataset/>")
+        result = deglint.remove_glint(source, tmp_path / f"{name}_out.tif", recipe, **options)
+        shown.append(result.plot().images[0].get_array())
+    np.testing.assert_array_equal(*shown)
+    assert np.split(shown[0], 2, axis=1)[1].mean() > 30
 
 
 def test_a_large_scene_is_read_in_squares_and_thinned(sea, write, tmp_path, monkeypatch):

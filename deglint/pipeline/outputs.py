@@ -18,11 +18,12 @@ from ..checks import as_path, check_choice
 from ..compensate.stages import Chain, chain_from
 from ..errors import InputError, NoWaterError
 from ..masks import WaterRule
+from ..raster import RasterSource
 from ..raster.output import plain
 from ..readers.grid import pixel_size
 from ..readers.text import read_text
 from ..remove import GlintModel
-from ..scene import Band, Scene
+from ..scene import Scene
 from .overview import raster_of
 
 if TYPE_CHECKING:
@@ -106,12 +107,15 @@ class Result:
         What was fitted to the scene, and the numbers of corrected and of other pixels.
     sidecar, warnings : dict, tuple of str
         Content of the sidecar, and the warnings in it.
+    scene : Scene
+        The input.
     """
 
     fitted: Fitted
     tally: PixelCounts
     sidecar: dict[str, Any]
     warnings: tuple[str, ...]
+    scene: Scene
 
     def __repr__(self) -> str:
         pixels = f"{self.tally.corrected} of {self.tally.total} pixels"
@@ -123,11 +127,10 @@ class Result:
         from ..plotting import drawn
         from ..readers import open_scene
 
-        paths = [i["path"] for i in self.sidecar["input"]], [self.sidecar["output"]]
-        bands = tuple(Band(**b) for b in self.sidecar["bands"])
-        before, after = (replace(open_scene(p), bands=bands) for p in paths)
-        with raster_of(before), raster_of(after):
-            return drawn([before, after], ax, "Result.plot")
+        source = raster_of(self.scene)
+        before, after = RasterSource(source.files, source.info), open_scene(self.sidecar["output"])
+        with before, raster_of(after):
+            return drawn([replace(self.scene, source=before), after], ax, "Result.plot")
 
     @property
     def changed(self) -> tuple[str, ...]:

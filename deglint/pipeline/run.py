@@ -155,7 +155,7 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
             said["batch"] = {"request": targets.request, "inputs": checksum.fingerprints(), "outputs": made}
         write_json(scratch, targets.sidecar, said)
     log_result(scene, fitted, said)
-    return Result(fitted, tally, said, tuple(said["warnings"]))
+    return Result(fitted, tally, said, tuple(said["warnings"]), scene)
 
 
 def _write_tiles(
