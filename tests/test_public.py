@@ -12,6 +12,8 @@ import pytest
 import deglint
 import detect
 from deglint import Recipe
+from deglint.compensate import Chain
+from deglint.pipeline import Fitted
 
 ROOT = Path(__file__).parents[1]
 
@@ -80,6 +82,7 @@ def test_a_recipe_takes_what_is_plain(field, given, kept):
 
 
 ARRAY = np.ones((4, 20, 20), np.float32)
+FITTED = Fitted(deglint.GlintModel("hedley", (), (), ()), Recipe())
 
 
 @pytest.mark.parametrize(
@@ -108,6 +111,10 @@ ARRAY = np.ones((4, 20, 20), np.float32)
         (lambda s: deglint.remove_glint(s.path, "x.tif", threads=0), "threads: want a number from 1 to 1024, got 0"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", dtype="unit16"), "did you mean 'uint16'?"),
         (lambda s: deglint.remove_glint(s.path, "x.tif", model="m.json"), "deglint.pipeline.load_model"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", chain="thesis"), "chain: want a Chain, got 'thesis'. Read"),
+        (lambda s: deglint.remove_glint(s.path, "x.tif", chain=Chain()), "model: want a GlintModel, got None. A chain"),
+        (lambda s: deglint.fit_scene(s, threads=-1), "threads: want a number from 1 to 1024, got -1"),
+        (lambda s: deglint.correct(s, FITTED, window=((0.0, 5), (0, 5))), "window: want ((row0, row1), (column0"),
         (lambda _: deglint.fit("hedley", ARRAY, nir="NIR"), "want 0-based numbers of bands of the array, got 'NIR'"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=4), "not among the 4 bands (counted from 0)"),
         (lambda _: deglint.fit("hedley", ARRAY, nir=3, correct=[7]), "correct: band(s) [7] are not among the 4 bands"),

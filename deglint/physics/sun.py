@@ -67,6 +67,7 @@ def position(
     """
     latitude, longitude = coordinates(latitude, longitude)
     pressure = float(within("pressure", pressure, 300.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa."))
+    temperature = float(within("temperature", temperature, -90.0, 60.0, "degrees Celsius", "0 Celsius is 273 kelvin."))
     moments, latitude, longitude = np.broadcast_arrays(_seconds(time), latitude, longitude)
     place = (latitude.ravel(), longitude.ravel(), 0.0, pressure, temperature, _DELTA_T, 0.5667)
     apparent, geometric, _, _, azimuth, _ = _spa().solar_position_numpy(moments.ravel(), *place, 1)

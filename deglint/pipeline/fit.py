@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any
 
 from .. import tiles as tiling
-from ..checks import check_kind, checked_keywords
+from ..checks import check_kind, check_number, checked_keywords
 from ..choose import Choice
 from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
@@ -101,6 +101,7 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
+    check_number(1 if threads is None else threads, 1, 1024, "threads")
     with environment():
         found, threads = undeclared(scene), threads or tiling.default_threads()
         fitted = _fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run)

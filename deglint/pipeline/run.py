@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from .. import tiles as tiling
 from ..checks import as_path, check_kind, check_number, checked_keywords, described
 from ..checksum import Checksum, fingerprint
 from ..cluster import Cluster
+from ..compensate import Chain
 from ..errors import InputError, NoWaterError
 from ..raster.convert import physical_dtype
 from ..raster.environment import enter_thread, environment
@@ -87,8 +89,10 @@ def remove_glint(
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     if model is not None:
         check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
-    if threads is not None:
-        check_number(threads, 1, 1024, "threads")
+    if (chain := options.get("chain")) is not None:
+        check_kind(chain, Chain, "chain", "Read a saved one with deglint.pipeline.load_chain.")
+        check_kind(model, GlintModel, "model", "A chain belongs to a saved model; to fit one: Recipe(compensate=...).")
+    check_number(1 if threads is None else threads, 1, 1024, "threads")
     with environment():
         files = check_outputs(source, recipe, reading.get("sensor"), targets)
         # begun before the scene is opened: what changes from now on is noticed
@@ -97,7 +101,7 @@ def remove_glint(
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster, (cluster or tiling).run)
         with raster_of(scene):
             if model is not None:
-                fitted = given_model(scene, recipe, model, run.threads, options.get("chain"))
+                fitted = given_model(scene, recipe, model, run.threads, chain)
             else:
                 more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
                 fitted = fit_scene(scene, recipe, threads=run.threads, **more)
@@ -218,7 +222,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     check_kind(fitted, Fitted, "fitted", "Make it with deglint.fit_scene.")
     scene = fitted.undeclared.on(scene)
     try:
-        (top, bottom), (left, right) = window or ((0, scene.height), (0, scene.width))
+        (top, bottom), (left, right) = (map(index, side) for side in window or ((0, scene.height), (0, scene.width)))
     except (TypeError, ValueError):
         raise InputError(f"window: want ((row0, row1), (column0, column1)), got {described(window)}.") from None
     if not (0 <= top < bottom <= scene.height and 0 <= left < right <= scene.width):
