@@ -1,7 +1,5 @@
 """Reflection and refraction of light at a flat air-water interface.
 
-The module has functions for polarised and unpolarised reflectance, refraction (Snell's law) and radiance transmittance.
-
 References
 ----------
 Mobley (1994), "Light and Water", Academic Press, section 4.2.

@@ -26,14 +26,9 @@ def transform(scene: Floats, *, workers: int = 1) -> Complex:
 
 
 def observe(
-    spectrum: Complex,
-    sensor: Sensor,
-    wavelength: float,
-    *,
-    factor: int,
-    shift: tuple[float, float] = (0.0, 0.0),
+    spectrum: Complex, sensor: Sensor, wavelength: float, *, factor: int, shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
-) -> Floats:
+) -> Floats:  # fmt: skip
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
     Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
@@ -75,9 +70,8 @@ def observe(
     row_frequency = np.fft.fftfreq(fine_rows, rows / fine_rows)
     column_frequency = np.arange(spectrum.shape[1]) / columns
     down = _along(row_frequency, sensor, centre + shift[0]) * np.sinc(sensor.smear * row_frequency)
-    right = _along(column_frequency, sensor, centre + shift[1])
     folded = np.empty((rows, spectrum.shape[1]), dtype=spectrum.dtype)
-    factors = (row_frequency, down), (column_frequency, right)
+    factors = (row_frequency, down), (column_frequency, _along(column_frequency, sensor, centre + shift[1]))
     limit = cutoff(sensor, wavelength)
     by_rows(lambda first, last: fold(spectrum, folded, first, last, *factors, limit), rows, workers)
     folded = fft.ifft(folded, axis=0, overwrite_x=True, workers=workers)

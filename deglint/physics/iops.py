@@ -64,8 +64,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     >>> float(water.absorption.round(5)), float(water.backscattering.round(6))
     (0.04011, 0.003333)
     """
-    wavelength = checked_wavelength(wavelength)
-    chlorophyll = _chlorophyll(chlorophyll)
+    wavelength, chlorophyll = checked_wavelength(wavelength), _chlorophyll(chlorophyll)
     absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
     yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
     scattering = _interpolate("sea_water", "scattering_m-1", wavelength)

@@ -55,7 +55,6 @@ PRESETS: dict[str, Sensor] = {
         gsd=1.24,
         f_number=12.1,
         pitch=26.7e-6,
-        smear=0.5,
         bits=11,
     ),
     "micasense": Sensor(
@@ -68,16 +67,12 @@ PRESETS: dict[str, Sensor] = {
         well=15_000.0,
         read_noise=10.0,
     ),
-    "sentinel2": Sensor(
-        name="sentinel2", bands=_bands(_SENTINEL_BANDS), gsd=10.0, f_number=4.0, pitch=7.5e-6, smear=0.5
-    ),
+    "sentinel2": Sensor(name="sentinel2", bands=_bands(_SENTINEL_BANDS), gsd=10.0, f_number=4.0, pitch=7.5e-6),
 }
 
 
 def preset(name: str) -> Sensor:
-    """Return the sensor with this name in `PRESETS`.
-
-    Raises InputError if there is no such preset; the message lists the presets.
+    """Return the sensor with this name in `PRESETS`; raise InputError, which lists the presets, if there is none.
 
     Examples
     --------

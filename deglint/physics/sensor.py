@@ -91,8 +91,7 @@ class Sensor(Checked):
 
     def delayed(self, delay: float) -> Sensor:
         """A copy of the sensor in which each band is recorded `delay` [s] after the band before it in `bands`."""
-        bands = tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands))
-        return replace(self, bands=bands)
+        return replace(self, bands=tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands)))
 
 
 def band_means(bands: Sequence[SensorBand]) -> tuple[Floats, Callable[[Floats], Floats]]:

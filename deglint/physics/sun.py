@@ -33,14 +33,9 @@ class Position(NamedTuple):
 
 
 def position(
-    latitude: npt.ArrayLike,
-    longitude: npt.ArrayLike,
-    time: Any,
-    *,
-    pressure: float = 1013.25,
-    temperature: float = 15.0,
-    refraction: bool = True,
-) -> Position:
+    latitude: npt.ArrayLike, longitude: npt.ArrayLike, time: Any, *, pressure: float = 1013.25,
+    temperature: float = 15.0, refraction: bool = True,
+) -> Position:  # fmt: skip
     """Compute the position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
 
     Parameters
@@ -86,8 +81,7 @@ def next_rise(latitude: float, longitude: float, time: Any) -> np.datetime64:
     >>> str(next_rise(0.0, 0.0, "2026-03-20T00:00Z"))[:15]
     '2026-03-20T06:0'
     """
-    start = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]")
-    moments = start + np.arange(0, 1442) * np.timedelta64(1, "m")
+    moments = np.asarray(_seconds(time) * 1e3).astype("datetime64[ms]") + np.arange(0, 1442) * np.timedelta64(1, "m")
     up = position(latitude, longitude, moments).zenith <= 90.0
     rises = np.flatnonzero(~up[:-1] & up[1:])
     if not rises.size:
@@ -127,8 +121,7 @@ def day_of_year(time: Any) -> Array:
     >>> float(day_of_year("2026-02-01T12:00"))
     32.5
     """
-    seconds = _seconds(time)
-    moments = (seconds * 1e3).astype("datetime64[ms]")
+    moments = (_seconds(time) * 1e3).astype("datetime64[ms]")
     return (moments - moments.astype("datetime64[Y]")) / np.timedelta64(1, "D") + 1.0
 
 
@@ -163,10 +156,8 @@ def _seconds(time: Any) -> Array:
         return np.asarray(_moment(time).timestamp())
     array = np.asarray(time)
     if np.issubdtype(array.dtype, np.datetime64):
-        seconds = (array - np.datetime64(0, "s")) / np.timedelta64(1, "s")
-        return np.asarray(seconds, dtype=np.float64)
-    flat = [_moment(item).timestamp() for item in array.flat]
-    return np.array(flat).reshape(array.shape)
+        return np.asarray((array - np.datetime64(0, "s")) / np.timedelta64(1, "s"), dtype=np.float64)
+    return np.array([_moment(item).timestamp() for item in array.flat]).reshape(array.shape)
 
 
 def _moment(time: Any) -> datetime:

@@ -171,9 +171,8 @@ def absorption_only_reflectance(
     and water is 27 % too high on average; the error grows with depth.
     """
     depth, albedo = _object(depth, reflectance)
-    paths = _path(sun_zenith) + _path(view_zenith)
     surface = _both_ways(sun_zenith, view_zenith, direct_fraction)
-    return surface * albedo / np.pi * np.exp(-paths * water.absorption * depth)
+    return surface * albedo / np.pi * np.exp(-(_path(sun_zenith) + _path(view_zenith)) * water.absorption * depth)
 
 
 def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:

@@ -226,8 +226,7 @@ class Correction:
                 block.targets[within] = (state.targets[core] > 0).any(axis=0) & where
             clean = with_targets(state)[core]
             for band, place in changes.items():
-                rewritten = block.replaced[within][band] | block.targets[within]
-                place[within] = where if band in removed else rewritten
+                place[within] = where if band in removed else block.replaced[within][band] | block.targets[within]
                 np.copyto(physical[within][band], clean[band], where=place[within], casting="same_kind")
         block.changes |= {band: place for band, place in changes.items() if place.any()}
 

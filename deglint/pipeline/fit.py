@@ -104,8 +104,7 @@ def fit_scene(
     check_number(1 if threads is None else threads, 1, 1024, "threads")
     with environment():
         found, threads = undeclared(scene), threads or tiling.default_threads()
-        fitted = _fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run)
-        return replace(fitted, undeclared=found)
+        return replace(_fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run), undeclared=found)
 
 
 def _fit_overviews(
@@ -144,8 +143,7 @@ def _fit_overviews(
             if overview.whole or (not found and (not overview.water or overview.water.has_water)):
                 raise
             continue
-        met = (fitted.sampled or {}).get("tolerance", {}).get("met", True)
-        if met or overview.whole or not found:
+        if overview.whole or not found or (fitted.sampled or {}).get("tolerance", {}).get("met", True):
             return fitted
     raise AssertionError("unreachable: the last overview is of everything")
 
@@ -182,10 +180,9 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     else:
         model, sampled, of_sample = learning.fit_sampled(job, method)
     log_model(model, of_sample)
-    regresses = method in METHODS and not METHODS[method].neighbours
     resolved = replace(
         recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
-        regression=(regresses and model.regression) or "auto",
+        regression=(method in METHODS and not METHODS[method].neighbours and model.regression) or "auto",
     )  # fmt: skip
     every, water = (*notes, *of_sample), (overview.water, overview.bands)
     return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)

@@ -193,8 +193,7 @@ def log_model(model: GlintModel, notes: Sequence[str]) -> None:
 def log_result(scene: Scene, fitted: Fitted, said: dict[str, Any]) -> None:
     """Log changed and copied bands, warnings of the run, and counts of pixels; `said` is the sidecar's content."""
     pixels = said["pixels"]
-    copied = [n for n in scene.names if n not in pixels["changed"]]
-    kinds = {"changed": pixels["changed"], "copied": copied}
+    kinds = {"changed": pixels["changed"], "copied": [n for n in scene.names if n not in pixels["changed"]]}
     log.info("bands %s", "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some))
     for warning in said["warnings"][len(fitted.model.warnings) :]:  # the model's were logged when it was fitted
         log.warning("%s", warning)

@@ -113,15 +113,9 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
 
 
 def encode(
-    physical: FloatArray,
-    raw: npt.NDArray[Any],
-    *,
-    bands: Sequence[int],
-    scales: Sequence[float],
-    offsets: Sequence[float],
-    where: Valid | None = None,
-    nodata: float | None = None,
-) -> tuple[Valid, Valid]:
+    physical: FloatArray, raw: npt.NDArray[Any], *, bands: Sequence[int], scales: Sequence[float],
+    offsets: Sequence[float], where: Valid | None = None, nodata: float | None = None,
+) -> tuple[Valid, Valid]:  # fmt: skip
     """Convert the physical values of some `bands` (0-based) to file values, and write these into `raw`, in place.
 
     raw = (physical - offset) / scale; arrays are (band, row, column), with a scale and an offset per band. Integers are
@@ -152,9 +146,8 @@ def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | No
     Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of
     values that were clipped, and of integers that were moved. The array `put` may be changed, too.
     """
-    whole = raw.dtype.kind in "iu"
     outside = np.zeros(raw.shape, np.bool_)
-    if whole:
+    if raw.dtype.kind in "iu":
         np.rint(put, out=put)
         low, high = _range(raw.dtype)
         if not (put.min(initial=0.0) >= low and put.max(initial=0.0) <= high):  # or some are NaN
@@ -236,6 +229,5 @@ class FlatField:
         r = np.hypot(columns - self.centre[0], rows - self.centre[1])
         vignette = np.polyval([*self.polynomial[::-1], 1.0], r)
         factor = (vignette if self.corrects else 1.0 / vignette) / (1.0 + self.row_gradient * rows)
-        light = raw - np.float32(self.black)
-        corrected = light * factor.astype(np.float32) + np.float32(self.black)
+        corrected = (raw - np.float32(self.black)) * factor.astype(np.float32) + np.float32(self.black)
         np.copyto(raw, corrected, where=True if nodata is None else raw != nodata)
