@@ -134,6 +134,16 @@ def test_pits_that_end_at_zero_take_the_water_around():
     assert replace(stage, resolved=False).apply(replace(state, raw=raw, errors=True)).variance[0].max() < 1e4
 
 
+def test_water_whose_noise_rounding_hides_is_not_zero():
+    state, water = state_and_water()
+    removed = np.zeros_like(water)
+    removed[:2, :, 96:] = 50 + 50 * gaussian_filter(np.random.default_rng(3).random(state.water.shape), 4)[:, 96:]
+    left = 0.1 * removed * np.random.default_rng(4).normal(size=water.shape)
+    image = np.rint(water + left).astype(np.float32)
+    rounded = State(image + removed, image, state.water, removed=removed)
+    assert error(fitted(rounded).apply(rounded).image, water) < 0.3 * error(image, water)
+
+
 def test_the_table_of_variances_is_the_line_between_them():
     left = LeftOver(0, 1.0, (0.0, 2.0, 10.0), (0.0, 0.0, 8.0))
     glint = np.array([[0.0, 1.0, 2.0, 6.0, 10.0, 20.0]], np.float32)

@@ -88,6 +88,16 @@ def test_a_tile_with_its_halo_is_the_whole_to_the_bit(options):
     np.testing.assert_array_equal(part[:, h:-h, h:-h], whole[:, 60:100, 70:120])
 
 
+def test_sparkle_on_water_whose_noise_rounding_hides_is_followed():
+    rng = np.random.default_rng(0)
+    sparkle = gaussian_filter(np.where(rng.random((192, 192)) < 0.02, rng.exponential(30, (192, 192)), 0), 0.6)
+    nir = 10 + gaussian_filter(sparkle, 0.5)
+    block = np.rint([60 + 0.9 * sparkle, 40 + 0.95 * sparkle, 20 + sparkle, nir]).astype(np.float32)
+    every = np.ones(sparkle.shape, bool)
+    model = wiener.fit(replace(nir_request(BANDS, [3]), faint=True), [SampleTile(block, every, every)])
+    np.testing.assert_allclose([f.slope for f in model.fits], [0.9, 0.95, 1], rtol=0.05)
+
+
 def test_faint_glint_is_followed_better_than_strong():
     block, water = sparkle_over_bottom()
     block[:3] += 0.002 * (block[3] - 2) ** 2  # strong glint is not linear

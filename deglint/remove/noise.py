@@ -10,6 +10,7 @@ from .detrend import detrend
 
 FAINT = 10.0
 """Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
+HIDDEN_NOISE = 0.01  # noise that whole numbers hide, relative to the strongest glint
 
 
 def spread(values: FloatArray) -> float:
@@ -42,9 +43,13 @@ def faint_weight(nir: FloatArray, sample: Mask) -> FloatArray:
     .. math:: 1 / (1 + (h / (k s))^2)
 
     The residual is noise plus an error proportional to the glint h. h is the NIR minus its local mean, s the standard
-    deviation of noise in the NIR, k is `FAINT`. Outside the sample the weight is 0.
+    deviation of noise in the NIR (`HIDDEN_NOISE` times the largest h if it is not measured), k is `FAINT`. Outside the
+    sample the weight is 0.
     """
     high = detrend(nir[None], sample)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))
+    strongest = float(np.nanmax(np.abs(high), initial=0.0))
+    if sigma < 1e-6 * strongest:  # not measured
+        sigma = HIDDEN_NOISE * strongest
     with np.errstate(invalid="ignore"):
         return np.asarray(np.nan_to_num(1 / (1 + (high / (FAINT * sigma)) ** 2)), np.float32)
