@@ -172,18 +172,19 @@ def state_of(job: Job) -> tuple[str, str]:
         return TODO, ""
     try:
         batch = read_json(str(sidecar), "sidecar")["batch"]
-        inputs, outputs = {i["path"]: i for i in batch["inputs"]}, batch["outputs"]
-    except (DeglintError, KeyError, TypeError):
+        request, inputs = batch["request"], {i["path"]: i for i in batch["inputs"]}
+        outputs = {p: batch["outputs"].get(p.name, {}) for p in there if p != sidecar}
+    except (DeglintError, AttributeError, KeyError, TypeError):
         return FAILED, f"{there[0]} exists and was not made by this batch"
-    if batch["request"] != job.outputs.request:
+    if request != job.outputs.request:
         return FAILED, f"{image} was made by another recipe"
     with environment():
         if not are_as([p for name in job.scene.source for p in files_of(name)], inputs):
             return FAILED, f"{image} was made of another state of the scene"
+    if changed := [path for path, said in outputs.items() if not is_as(path, said)]:
+        return FAILED, f"{changed[0]} is not as it was made"
     if len(there) < len(every):
         return TODO, "was stopped while it was moved into place"
-    if changed := [p for p in every if p != sidecar and not is_as(p, outputs[p.name])]:
-        return FAILED, f"{changed[0]} is not as it was made"
     return FINISHED, ""
 
 

@@ -11,6 +11,7 @@ import textwrap
 import numpy as np
 import pytest
 
+from deglint import remove_glint
 from deglint.batch import jobs_of, read_order, run_batch, state_of
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.raster.targets import claimed
@@ -194,6 +195,59 @@ def test_a_table_replaces_nothing_but_a_table(deglint, place):
     assert ran.code == 1
     assert "b.tif exists already" in ran.err
     assert not (place / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["a_clean.tif", "a_clean.tif.json"])
+def test_a_table_is_none_of_the_images(deglint, place, name):
+    (place / "out").mkdir()
+    table = place / "out" / name
+    ran = deglint("batch", place / "r.toml", place / "in" / "a.tif", "--table", table, "--overwrite")
+    assert ran.code == 1
+    assert f"{name} is an output: " in ran.err
+    assert not list((place / "out").iterdir())
+
+
+def test_a_dry_run_keeps_the_table(deglint, place):
+    text = "name,inputs,output,status,reason,seconds,\n"
+    (place / "t.csv").write_text(text)
+    batch(deglint, place, "--dry-run", "--table", place / "t.csv")
+    assert (place / "t.csv").read_text() == text
+
+
+@pytest.fixture
+def finished(place):
+    """A job that is done, with flags."""
+    (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras='["flags"]'))
+    order = read_order(str(place / "r.toml"))
+    job = jobs_of(order, list_scenes([str(place / "in" / "a.tif")]))[0]
+    (place / "out").mkdir()
+    remove_glint(job.scene.source, job.outputs, order.recipe)
+    assert state_of(job) == ("finished before", "")
+    return job
+
+
+def test_an_altered_image_whose_flags_are_gone_is_kept(finished):
+    finished.outputs.image.write_bytes(b"mine")
+    finished.outputs.flags.unlink()
+    assert state_of(finished) == ("failed", f"{finished.outputs.image} is not as it was made")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("outputs", {}, "is not as it was made"),
+        ("outputs", [], "not made by this batch"),
+        ("inputs", None, "not made by"),
+    ],
+)
+def test_a_sidecar_that_knows_not_all_fails_its_scene_alone(finished, key, value, said):
+    document = json.loads(finished.outputs.sidecar.read_text())
+    document["batch"][key] = value
+    finished.outputs.sidecar.write_text(json.dumps(document))
+    assert said in state_of(finished)[1]
+    del document["batch"]["request"]
+    finished.outputs.sidecar.write_text(json.dumps(document))
+    assert "not made by this batch" in state_of(finished)[1]
 
 
 CRASH = """

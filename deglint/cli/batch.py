@@ -74,7 +74,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip
-    from ..batch import FAILED, TODO, read_order, run_batch
+    from ..batch import FAILED, TODO, jobs_of, read_order, run_batch
     from ..raster.targets import check_targets
     from ..readers.scenes import list_scenes
 
@@ -84,13 +84,14 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     if table:
         reads = [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
         older = table.is_file() and table.read_bytes().startswith(b"name,inputs,output,status,reason,seconds,")
-        check_targets([table], {"an input": reads}, overwrite=older or given["overwrite"])
+        outputs = [path for job in jobs_of(order, listed) for path in job.outputs.every()]
+        check_targets([table], {"an input": reads, "an output": outputs}, overwrite=older or given["overwrite"])
     with Console(given) as console:
         found = run_batch(
             order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
             dry_run=given["dry_run"], done=_watch(len(listed), console),
         )  # fmt: skip
-    if table:
+    if table and not given["dry_run"]:
         _write_table(table, found)
     if given["as_json"]:
         click.echo(json.dumps([asdict(o) for o in found], indent=2))
