@@ -230,3 +230,16 @@ def test_a_closed_stderr_is_no_fault(sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
     line = f"'{sys.executable}' -m deglint remove '{source}' '{tmp_path}/out.tif' {' '.join(PLAIN)} 2>&-"
     assert subprocess.run(["bash", "-c", line], stdout=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def test_a_dry_run_with_a_model_refuses_a_scene_without_its_bands(deglint, sea, write, tmp_path):
+    source, model = write(tmp_path / "a.tif", sea()), tmp_path / "m.json"
+    ran = deglint("remove", source, tmp_path / "o.tif", "--method", "hedley", "--save-model", model, "--sample", "all")
+    assert ran.code == 0, ran.err
+    turned = write(tmp_path / "b.tif", sea()[::-1], names=("nir", "red", "green", "blue"))
+    assert "reference bands: nir" in deglint("remove", turned, tmp_path / "p.tif", "--model", model, "--dry-run").out
+    fewer = write(tmp_path / "c.tif", sea()[:3], names=("blue", "green", "red"))
+    ran = deglint("remove", fewer, tmp_path / "p.tif", "--model", model, "--dry-run")
+    assert ran.code == 1
+    assert "nir" in ran.err
+    assert "fault of deglint" not in ran.err

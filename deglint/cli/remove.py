@@ -145,11 +145,13 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
     """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
     import numpy as np
 
-    from ..pipeline import fit_scene, load_model
+    from ..pipeline import fit_scene, load_chain, load_model
+    from ..pipeline.fit import given_model
     from ..pipeline.run import check_outputs
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene
+    from ..tiles import default_threads
 
     targets, used = outputs_of(output, given), recipe_of(given)
     with environment():
@@ -157,7 +159,8 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
         scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
         begun = time.perf_counter()
         if given["model_in"]:
-            model = load_model(given["model_in"])
+            saved, count = given["model_in"], given["threads"] or default_threads()
+            model = given_model(scene, used, load_model(saved), count, load_chain(saved)).model
         else:
             fitted = fit_scene(scene, used, threads=given["threads"])
             model, used = fitted.model, fitted.recipe
