@@ -111,3 +111,11 @@ def test_a_tile_without_a_valid_pixel_skips_the_chain(write, read, tmp_path, mon
     assert np.isnan(out[:, :, :1200]).all()
     assert (out[:, :, 1200:] != raw[:, :, 1200:]).any()
     assert result.tally.nodata == 512 * 1200
+
+
+def test_a_scene_that_is_copied_has_an_empty_sample(write, tmp_path):
+    even = np.random.default_rng(0).normal(500, 3, (4, 160, 160)).astype(np.uint16)
+    sample = tmp_path / "s.geojson"
+    result = remove_glint(write(tmp_path / "a.tif", even), tmp_path / "o.tif", Recipe(mask="none"), sample=sample)
+    assert not result.fitted.model.fits
+    assert json.loads(sample.read_text())["features"] == []

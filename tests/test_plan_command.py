@@ -118,6 +118,13 @@ def test_refusals_are_one_line_with_the_remedy(deglint, arguments, code, said):
     assert len([line for line in ran.err.splitlines() if line.startswith("Error")]) == 1
 
 
+def test_a_mission_whose_place_is_no_table_is_one_line(deglint, tmp_path):
+    (tmp_path / "m.toml").write_text("place = 3")
+    ran = deglint("plan", "--mission", tmp_path / "m.toml")
+    assert ran.code == 1
+    assert "m.toml: place must be a table" in ran.err
+
+
 def test_what_is_assumed_is_said(deglint):
     ran = deglint("plan", "--lat", "36.8", "--lon", "-122", "--time", "2026-06-21T18:00", "--step", "10")
     assert ran.code == 0

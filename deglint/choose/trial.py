@@ -50,8 +50,7 @@ class Trial:
     @property
     def signals(self) -> Float64:
         """Share of the implanted textures that is preserved, (scale,) for `SCALES`; at the coarsest scale of plumes."""
-        textures = [v for k, v in self.gains.items() if k.startswith("texture")]
-        return np.array([*textures, self.gains["plumes"]])
+        return np.array([*(v for k, v in self.gains.items() if k.startswith("texture")), self.gains["plumes"]])
 
     @property
     def kept(self) -> str:
@@ -80,7 +79,7 @@ class Choice:
         others = [t for t in self.trials if t.candidate.method != "copy"]
         if not others:
             why = (self.failed or {}).get("wiener", "no candidate could be tried")
-            return why.removesuffix(". Nothing was corrected.")
+            return why.removesuffix("Nothing was corrected.").rstrip(". ")
         least, trial = min(others, key=lambda t: t.error), self.trial
         own = float("nan") if trial is None else trial.error
         return (

@@ -37,10 +37,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     with Console(given, logging.WARNING), environment():  # the answer itself says what was decided
         scene = open_scene(list(inputs), **opening(given))
         found = plain(examine(scene, Recipe(nir=given["nir"], sample=sample), threads=given["threads"]))
-    if as_json:
-        click.echo(json.dumps(found, indent=2))
-        return
-    click.echo("\n".join(lines(found)))
+    click.echo(json.dumps(found, indent=2) if as_json else "\n".join(lines(found)))
 
 
 def lines(found: dict[str, Any]) -> list[str]:

@@ -51,7 +51,7 @@ def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[
 
     Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """
-    place = dict(tables.get("place", {}))
+    place = dict(own) if isinstance(own := tables.get("place"), Mapping) else {}
     if "latitude" not in place or "longitude" not in place:
         return tables
     if mode is over_time:
@@ -89,8 +89,7 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
         console.progress("sweep", len(moments), len(when))
 
     def day() -> Any:
-        kept = {k: plan for k in selected(moments) if (plan := found[k]) is not None}
-        return day_picture(mission, moments, kept)
+        return day_picture(mission, moments, {k: p for k in selected(moments) if (p := found[k]) is not None})
 
     _finish(given, day, sweep.numbers(mission, moments), sweep.table(moments))
 

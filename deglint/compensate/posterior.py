@@ -24,7 +24,6 @@ Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 16
 doi:10.1109/TPAMI.1980.4766994 (local mean and variance).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -73,8 +72,7 @@ class LeftOver:
         part = glint * np.float32(1 / self.glint[-1])
         root = np.linspace(0.0, 1.0, TABLE_ENTRIES)
         table = np.interp(self.glint[-1] * root**2, self.glint, self.variance).astype(np.float32)
-        place = np.sqrt(np.clip(part, 0, 1))
-        place *= TABLE_ENTRIES - 1
+        place = np.sqrt(np.clip(part, 0, 1)) * (TABLE_ENTRIES - 1)
         return table.take(place.astype(np.intp)) * np.square(np.maximum(part, 1))
 
 
@@ -172,17 +170,14 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Flo
     weighted *= x
     around = mean(weighted) / sums
     weighted *= x
-    water = mean(weighted) / sums
-    water -= around * around  # around the window's own mean
+    water = mean(weighted) / sums - around * around  # around the window's own mean
     known = s2 / sums
-    water -= known
-    np.maximum(water, 0, out=water)
+    np.maximum(water - known, 0, out=water)
     water += LEAST_VARIANCE * s2
     share = v / (total + water)
     if error is not None:
         error[...] = (1 - share) ** 2 * total + share**2 * (water + known / np.float32(side * side))
-    share *= x - around
-    return np.asarray(x - share, np.float32)
+    return np.asarray(x - share * (x - around), np.float32)
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
@@ -192,9 +187,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
     """
     corrected = [b for b in range(len(setting.bands)) if any(_taken(s)[b].any() for s in sample.states)]
     left = tuple(left_over(b, sample) for b in corrected)
-    ratios: Sequence[float] = [p.ratio for p in left] or [0.0]
     width = int(number) if number else clump_width(sample, setting.nir[0])
-    resolved = setting.pixel < WAVES_RESOLVED or float(np.mean(ratios)) > RESOLVED
+    resolved = setting.pixel < WAVES_RESOLVED or float(np.mean([p.ratio for p in left] or [0.0])) > RESOLVED
     return Posterior(width, left, tuple(full_scale(sample, setting).tolist()), resolved)
 
 
@@ -207,8 +201,7 @@ def clump_width(sample: Sample, band: int) -> int:
     for state in sample.states:
         plane = state.raw[band]
         high = plane - cv2.blur(plane, (4 * WIDEST_CLUMP + 1,) * 2)
-        power = np.abs(scipy.fft.rfft2(high)) ** 2
-        lags = scipy.fft.irfft2(power, s=high.shape)
+        lags = scipy.fft.irfft2(np.abs(scipy.fft.rfft2(high)) ** 2, s=high.shape)
         n = min(WIDEST_CLUMP, *high.shape)
         total[:n] += lags[0, :n] + lags[:n, 0]
     below = total < total[0] / 2

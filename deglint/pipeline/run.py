@@ -133,6 +133,8 @@ def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, target
 
 def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
     """Correct a scene, write all outputs in `targets`, and return the result of the run."""
+    if targets.sample and fitted.sample is None and fitted.choice and not fitted.model.fits:  # the choice is to copy
+        fitted = replace(fitted, sample={"type": "FeatureCollection", "features": []})
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)

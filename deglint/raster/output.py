@@ -174,7 +174,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     for line in said:
         if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
             said_of_it = line.rpartition(" in ")[2].rstrip(".")
-            raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co.")
+            raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co or [output] options.")
 
 
 def _check_whole(path: Path, target: Path) -> None:

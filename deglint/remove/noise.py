@@ -49,7 +49,6 @@ def faint_weight(nir: FloatArray, sample: Mask) -> FloatArray:
     high = detrend(nir[None], sample)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))
     strongest = float(np.nanmax(np.abs(high), initial=0.0))
-    if sigma < 1e-6 * strongest:  # not measured
-        sigma = HIDDEN_NOISE * strongest
+    sigma = sigma if sigma > 1e-6 * strongest else HIDDEN_NOISE * strongest
     with np.errstate(invalid="ignore"):
         return np.asarray(np.nan_to_num(1 / (1 + (high / (FAINT * sigma)) ** 2)), np.float32)
