@@ -93,7 +93,8 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
         x, y = near.col0 + best.column + 0.5, near.row0 + best.row + 0.5
         angle = np.radians(best.heading)  # clockwise from the columns of the image, which need not point north
         start, end = move([(x, y), (x + float(np.sin(angle)), y - float(np.cos(angle)))])
-        out.append({"speed_m_s": best.speed, "heading": distance_and_bearing(start, end)[1]})
+        ground, heading = distance_and_bearing(start, end)  # of one pixel that way: a pixel need not be square
+        out.append({"speed_m_s": best.speed / pixel * ground, "heading": heading})
     return out
 
 

@@ -1,6 +1,7 @@
 """Boats that move between the bands."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,13 @@ import pytest
 import rasterio
 from rasterio.transform import from_origin
 
+from deglint import open_scene
 from deglint.errors import InputError
+from deglint.readers.grid import ground_area
 from deglint.scene import Band, Scene
 from detect.moving import find_moving
-from detect.pipeline.features import delayed_bands
+from detect.objects import find
+from detect.pipeline.features import delayed_bands, motions
 
 DELAYS = np.array([0.0, 0.13, 0.27, 0.4])
 SWELL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real" / "swell"
@@ -116,6 +120,19 @@ def test_objects_of_a_scene_get_speed_and_heading(tmp_path, write, rxdetect):
     still = write(tmp_path / "still.tif", image.astype(np.float32), **place)
     ran = rxdetect("score", still, tmp_path / "out2.tif", *options, "--overwrite")
     assert (ran.code, "known, different times" in ran.err) == (1, True)
+
+
+@pytest.mark.parametrize(("heading", "speed"), [(90.0, 5.0), (0.0, 10.0)])
+def test_speed_where_pixels_are_not_square(tmp_path, write, heading, speed):
+    side = 1.2 / 111_412  # at 60 degrees north a pixel is 0.6 m wide and 1.2 m high
+    place = {"crs": "EPSG:4326", "transform": from_origin(10, 60, side, side)}
+    image = moving_scene(10.0, heading, waves=False).astype(np.float32)
+    scene = open_scene(write(tmp_path / "boat.tif", image, **place))
+    scene = replace(scene, bands=[Band(str(n), time_offset=time) for n, time in enumerate(DELAYS.tolist())])
+    boat = find((image[0] > 150) & (np.arange(220) > 80), image[0])
+    (found,) = motions(scene, ground_area(scene.transform, scene.crs, *scene.shape[1:]), boat)
+    assert found["speed_m_s"] == pytest.approx(speed, rel=0.06)
+    assert (found["heading"] + 180) % 360 - 180 == pytest.approx(heading, abs=5)
 
 
 def test_times_that_are_equal_do_not_count_twice():
