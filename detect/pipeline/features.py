@@ -14,6 +14,7 @@ from rasterio.warp import transform as warp
 
 from deglint.errors import DeglintError, InputError
 from deglint.plotting import natural_colour
+from deglint.raster.info import gdal_errors
 from deglint.raster.output import Scratch, write_bytes, write_json, write_text
 from deglint.readers import open_scene
 from deglint.readers.grid import at
@@ -36,16 +37,31 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Make the function that converts (column, row) corners to (longitude, latitude) [degree]; None without a CRS."""
+    """Make the function that converts (column, row) corners to (longitude, latitude) [degree].
+
+    None without a CRS, and if that of the scene has no place on the Earth. The function raises InputError for corners
+    outside the projection.
+    """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
         return None
 
     def move(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         xs, ys = zip(*(at(transform, x, y) for x, y in points), strict=True)
-        longitudes, latitudes = warp(crs, "OGC:CRS84", xs, ys)[:2]
-        return [(float(x), float(y)) for x, y in zip(longitudes, latitudes, strict=True)]
+        try:
+            places = np.array(warp(crs, "OGC:CRS84", xs, ys)[:2])
+        except gdal_errors(ValueError):
+            places = np.array([[math.inf]])
+        if not np.isfinite(places).all():
+            raise InputError(
+                f"objects of {scene.path} lie outside the projection of its CRS. Leave them out by --mask."
+            )
+        return [(x, y) for x, y in places.T.tolist()]
 
+    try:
+        move([(scene.width / 2, scene.height / 2)])
+    except InputError:
+        return None
     return move
 
 
@@ -78,7 +94,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
     if area is None or move is None:
-        raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS.")
+        raise InputError(f"--moving needs the size of a pixel, and {scene.path} has no CRS on the Earth. Leave it out.")
     pixel, out = math.sqrt(area), list[dict[str, Any]]()
     reach = math.ceil(FASTEST * (max(times) - min(times)) / pixel)
     for o in found:

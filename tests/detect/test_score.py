@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 import rasterio
 
+from deglint import open_scene
+from deglint.errors import InputError
 from detect import background, local, rx, threshold
 from detect.pipeline import Recipe, score_file
 from detect.pipeline import scoring as flags
+from detect.pipeline.features import to_wgs84
 
 
 @pytest.fixture
@@ -317,3 +320,27 @@ def test_from_python(scene, tmp_path):
     result = score_file(scene, tmp_path / "out.tif", Recipe(method="rx", bands=("1", "2")), threads=2)
     assert (result.background.names, result.threshold, result.objects) == (("blue", "green"), None, None)
     assert result.tally.scored == 200 * 230 - 100
+
+
+LOCAL = 'LOCAL_CS["site",UNIT["metre",1]]'
+
+
+@pytest.mark.parametrize(("crs", "left"), [(LOCAL, 0.0), ("EPSG:32633", 5e8)], ids=["local", "outside"])
+def test_objects_without_a_place_on_the_earth_keep_rows_and_columns(rxdetect, sea, write, tmp_path, crs, left):
+    pixels = sea(60, 70)
+    pixels[1, 30:33, 20:23] += 4000
+    place = {"crs": crs, "transform": rasterio.transform.from_origin(left, 4e6, 2, 2)}
+    out = tmp_path / "o.geojson"
+    source = write(tmp_path / "in.tif", pixels, **place)
+    ran = rxdetect("score", source, tmp_path / "out.tif", "--method", "rx", "--pfa", "1e-3", "--objects", out)
+    assert ran.code == 0, ran.err
+    (found,) = [f for f in json.loads(out.read_text())["features"] if f["properties"]["pixels"] > 4]
+    assert [23, 33] in found["geometry"]["coordinates"][0]
+    assert "longitude" not in found["properties"]
+
+
+def test_a_corner_outside_the_projection_is_refused_in_one_line(write, sea, tmp_path):
+    place = {"crs": "+proj=geos +h=35785831 +lon_0=0", "transform": rasterio.transform.from_origin(0, 2e6, 2e5, 2e5)}
+    move = to_wgs84(open_scene(write(tmp_path / "disc.tif", sea(20, 20), **place)))
+    with pytest.raises(InputError, match="outside the projection"):
+        move([(1, 1), (500, 1)])
