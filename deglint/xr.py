@@ -25,7 +25,7 @@ import numpy.typing as npt
 from . import tiles as tiling
 from .checks import checked_keywords
 from .compensate import Chain
-from .errors import DeglintError, InputError, NoWaterError
+from .errors import DeglintError, FitError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
 from .pipeline.correct import CHAIN_CELL, Correction, correction
 from .pipeline.fit import given_model
@@ -33,7 +33,7 @@ from .pipeline.outputs import DTYPES
 from .pipeline.overview import raster_of
 from .raster.environment import enter_thread
 from .raster.source import ArraySource
-from .readers.arrays import BANDS, ArrayScene, axes, open_array
+from .readers.arrays import BANDS, PER_BAND, ArrayScene, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
 from .scene import Scene
@@ -123,11 +123,13 @@ def apply(
         )
     else:
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
-    scene, own = opened.scene, raster_of(opened.scene).info.dtype
+    scene, info = opened.scene, raster_of(opened.scene).info
+    own = info.dtype
     if dtype is not None and (dtype not in DTYPES or (dtype != own and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {own}, got {dtype!r}.")
     work = correction(scene, fitted, dtype=dtype)
-    work = replace(work, scene=None, layout=replace(work.layout, masked=False))  # type: ignore[arg-type]
+    nodata = work.layout.nodata if info.nodata is not None else None  # each band keeps its own
+    work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
     every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
     clean = over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads)
@@ -149,7 +151,7 @@ def remove(
     ----------
     array : DataArray or Dataset
         A Dataset has one variable for each band, as odc-stac gives it, or variables with a dimension band. Each entry
-        of a further dimension, such as time, is processed as a separate scene; one without water is copied.
+        of a further dimension, such as time, is processed as a separate scene; one without water or fit is copied.
     recipe, dtype, threads, sensor, nodata
         As in `fit` and `apply`.
 
@@ -187,10 +189,10 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on an array with one entry along a `dimension`; after NoWaterError, log it and return the array."""
+    """Call `work` on an array with one entry along a `dimension`; without water or fit, log it and return the array."""
     try:
         return work(array)
-    except NoWaterError as error:
+    except (NoWaterError, FitError) as error:
         name = str(array[dimension].values[0]) if dimension in array.coords else "one entry"
         log.warning("%s %s: copied, not corrected: %s", dimension, name, error)
         return array
@@ -198,23 +200,34 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
 
 def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
     """The Dataset after `work` on each variable with a band dimension or, if none has one, on all stacked as bands."""
-    deep = [n for n in dataset.data_vars if {d.lower() for d in map(str, dataset[n].dims)} & set(BANDS)]
-    if deep:
+    if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
     clean = work(stack(dataset))
     return dataset.assign({n: dataset[n].copy(data=clean.sel(band=n).data) for n in clean.band.values.tolist()})
 
 
+def _with_bands(dataset: Any) -> list[Any]:
+    """Names of the variables that are images with a band dimension."""
+    images = [n for n in dataset.data_vars if dataset[n].ndim >= 3]
+    return [n for n in images if {str(d).lower() for d in dataset[n].dims} & set(BANDS)]
+
+
 def stack(dataset: Any) -> Any:
     """Stack a Dataset with one variable for each band into a DataArray with dimension band; keep common attributes.
 
-    If the wavelengths of at least two variables are known, all other variables, such as masks, are left out.
+    Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
+    variables are known, all other variables, such as masks, are left out. A single variable with a dimension band is
+    returned alone.
 
     Raises
     ------
     InputError
-        If the variables differ in their dimensions, or none has two or more.
+        If the variables differ in their dimensions, none has two or more, or several have a dimension band.
     """
+    if deep := _with_bands(dataset):
+        if len(deep) > 1:
+            raise InputError(f"{', '.join(map(str, deep))} have bands of their own. Pick one of them first.")
+        return dataset[deep[0]]
     names = [str(n) for n in dataset.data_vars if dataset[n].ndim >= 2]
     if len({dataset[n].dims for n in names}) != 1:
         said = ", ".join(f"{n} {dataset[n].dims}" for n in names)
@@ -224,9 +237,13 @@ def stack(dataset: Any) -> Any:
     known = [b.name for b in open_array(first).scene.bands if b.wavelength]
     chosen = known if len(known) > 1 and set(known) <= set(names) else names
     out = dataset[chosen].to_dataarray("band")
-    own = dataset[chosen[0]].attrs
-    out.attrs = {k: v for k, v in own.items() if all(_same(dataset[n].attrs.get(k), v) for n in chosen)}
-    out.encoding = dict(dataset[chosen[0]].encoding)
+    attrs, encoding = ([getattr(dataset[n], kind) for n in chosen] for kind in ("attrs", "encoding"))
+    out.attrs = {k: v for k, v in attrs[0].items() if all(_same(each.get(k), v) for each in attrs)}
+    out.encoding = dict(encoding[0])
+    for of_all, own in ((out.attrs, attrs), (out.encoding, encoding)):
+        for key, default in PER_BAND.items():
+            values = [each.get(key, default) for each in own]
+            of_all |= {} if all(_same(v, values[0]) for v in values) else {key: values}
     return out
 
 
@@ -273,7 +290,8 @@ def _lazily(opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtyp
     values = opened.values.rechunk({0: -1})
     rows, columns = (_aligned(chunks, step, reach) for chunks in values.chunks[1:])
     values = values.rechunk({1: rows, 2: columns})
-    padded = overlap(values, {1: reach, 2: reach}, "none", allow_rechunk=False) if reach else values
+    depth = {1: min(reach, sum(rows)), 2: min(reach, sum(columns))}
+    padded = overlap(values, depth, "none", allow_rechunk=False) if reach else values
     task = partial(_of_chunk, replace(opened.scene, source=None), raster_of(opened.scene).info, work, reach)  # type: ignore[arg-type]
     chunks, meta = ((like[0],), rows, columns), np.empty((0, 0, 0), like[1])
     return map_blocks(task, padded, dtype=like[1], chunks=chunks, meta=meta)
@@ -314,16 +332,16 @@ class Deglint:
     """
 
     def __init__(self, given: Any) -> None:
-        self._given = given
+        self._given, self._several = given, isinstance(given, need_xarray().Dataset)
 
     def fit(self, recipe: Recipe | str = "auto", **options: Any) -> Fitted:
         """Fit a recipe to the array or Dataset; see `deglint.xr.fit`."""
-        return fit(self._given if hasattr(self._given, "data") else stack(self._given), recipe, **options)
+        return fit(stack(self._given) if self._several else self._given, recipe, **options)
 
     def apply(self, fitted: Fitted | GlintModel, **options: Any) -> Any:
         """Correct the array or Dataset with a fitted recipe or model; see `deglint.xr.apply`."""
         work: Callable[[Any], Any] = partial(apply, fitted=fitted, **options)
-        return work(self._given) if hasattr(self._given, "data") else _by_variables(self._given, work)
+        return _by_variables(self._given, work) if self._several else work(self._given)
 
     def remove(self, recipe: Recipe | str = "auto", **options: Any) -> Any:
         """Fit a recipe to the array or Dataset and correct it; see `deglint.xr.remove`."""

@@ -56,7 +56,8 @@ def score(
     recipe : Recipe or str
         Options of the detection, or the name of a method; options of thresholds and objects are ignored.
     background : Background, optional
-        A background fitted earlier, to this scene or another; by default, one is fitted to this array now.
+        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, no
+        pixel of a lazy array is looked at now: declare its nodata, or pass `nodata`.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def score(
     if recipe.method == "lines":
         raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
     opened = open_array(array, sensor=sensor, nodata=nodata)
-    if background is None or recipe.mask == "water":  # else nothing is computed yet
+    if background is None or recipe.mask == "water" or not hasattr(opened.values, "dask"):  # else nothing is computed
         opened = replace(opened, scene=settled(opened.scene))
     plan = fitted(make_plan(opened.scene, recipe, threads or default_threads(), background))
     work = Scoring(replace(plan, scene=replace(opened.scene, source=None), tiles=[]))  # type: ignore[arg-type]

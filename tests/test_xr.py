@@ -286,6 +286,58 @@ def test_the_accessor_is_the_functions(sea):
     xarray.testing.assert_identical(several.deglint.apply(fitted), deglint.xr.remove(several, HEDLEY))
 
 
+@pytest.mark.parametrize("place", ["attrs", "encoding"])
+def test_variables_keep_the_nodata_and_the_scale_of_their_own(sea, place):
+    raw = sea(60, 70)
+    given = xarray.Dataset({name: (("y", "x"), band) for name, band in zip(BANDS, raw, strict=True)})
+    expected = deglint.xr.remove(given.isel(y=slice(9, None)).copy(deep=True), HEDLEY)
+    for i, band in enumerate(given.data_vars.values()):
+        band.values[:9] = 60_000 + i
+        getattr(band, place)["_FillValue"] = 60_000 + i
+    given.nir.values[9:] //= 2
+    given.nir.attrs["scale_factor"] = 2.0
+    for clean in (deglint.xr.remove(given, HEDLEY), deglint.xr.remove(given.chunk({"y": 30}), HEDLEY)):
+        for i, name in enumerate(BANDS):
+            np.testing.assert_array_equal(clean[name].values[:9], 60_000 + i)
+        off = clean.green.values[9:].astype(float) - expected.green.values
+        assert np.abs(off).max() < 5  # the NIR is rounded to even numbers
+
+
+@pytest.mark.parametrize("name", ["data", "reflectance"])
+def test_a_dataset_of_one_image_and_tables_of_its_bands(sea, name):
+    image = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    held = xarray.Dataset({name: image, "wavelength": ("band", [480.0, 560.0, 660.0, 850.0])})
+    clean = held.deglint.apply(held.deglint.fit(HEDLEY))
+    np.testing.assert_array_equal(clean[name].values, deglint.xr.remove(image, HEDLEY).values)
+    xarray.testing.assert_identical(held.deglint.remove(HEDLEY), clean)
+    with pytest.raises(InputError, match=f"{name}, other have bands of their own"):
+        held.assign(other=image).deglint.fit(HEDLEY)
+
+
+def test_an_entry_without_a_fit_is_copied_as_one_without_water(sea, caplog):
+    one = xarray.DataArray(sea(60, 70, dtype="float32"), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    clean = deglint.xr.remove(xarray.concat([one * np.nan, one], "time"), HEDLEY)
+    assert np.isnan(clean.values[0]).all()
+    np.testing.assert_array_equal(clean.values[1], deglint.xr.remove(one, HEDLEY).values)
+    assert "copied, not corrected: sample holds 0 valid pixels" in caplog.text
+
+
+def test_a_lazy_array_smaller_than_the_halo_is_scored_as_a_whole_one(sea):
+    given = xarray.DataArray(sea(60, 70), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    expected = detect.xr.score(given, Scoring(method="sea", mask="none"))
+    lazy = detect.xr.score(given.chunk({"y": 30, "x": 30}), Scoring(method="sea", mask="none"))
+    np.testing.assert_array_equal(lazy.values, expected.values)
+
+
+def test_undeclared_nodata_has_no_score_also_with_a_given_background(sea):
+    raw = sea(60, 70)
+    raw[:, :, :20] = 0
+    given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    scores = detect.xr.rx(given, detect.xr.fit(given))
+    np.testing.assert_array_equal(scores.values, detect.xr.rx(given).values)
+    assert np.isnan(scores.values[:, :20]).all()
+
+
 def test_dimensions_in_any_order(sea):
     raw = sea(70, 80)
     given = xarray.DataArray(raw, dims=("band", "y", "x"), coords={"band": list(BANDS)})

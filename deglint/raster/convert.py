@@ -162,7 +162,7 @@ def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | No
 
 def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
     """Move values that equal `nodata` where `good` to the next number, in place; return the mask of moved integers."""
-    if nodata is None or not np.isfinite(nodata):
+    if nodata is None or not np.isfinite(nodata) or not holds(stored.dtype, nodata):
         return np.zeros(stored.shape, np.bool_)
     number = stored.dtype.type(nodata)
     hit = good & (stored == number)

@@ -23,6 +23,9 @@ _ROWS = ("y", "latitude", "lat", "northing", "row", "rows")
 _COLUMNS = ("x", "longitude", "lon", "easting", "column", "columns", "col")
 BANDS = ("band", "bands", "wavelength", "wavelengths", "variable", "channel")
 _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
+_SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
+PER_BAND = dict.fromkeys(_NODATA_NAMES, np.nan) | dict.fromkeys(_SCALE_NAMES, 1.0) | dict.fromkeys(_OFFSET_NAMES, 0.0)
+"""Attributes that may have one entry per band, and the entry of a band without one."""
 _CLOSE = 1e-3  # allowed difference between coordinates and a declared transform [pixel]
 
 
@@ -110,8 +113,8 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
         dtypes=(dtype,) * count, nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
-        scales=_per_band([stated], ("scale_factor", "scales"), 1.0, count),
-        offsets=_per_band([stated], ("add_offset", "offsets"), 0.0, count),
+        scales=_per_band([stated], _SCALE_NAMES, 1.0, count),
+        offsets=_per_band([stated], _OFFSET_NAMES, 0.0, count),
         descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
