@@ -85,18 +85,20 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
         explain. It is lost if it is at most `exact` (the relative rounding error) times the sum of squares of the band,
         and inexact if it is at most 1000 times as much
     rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
-    ring : tuple: sum of squares of the band in the ring, pixels in the ring, deviation of the pixel from their mean
+    ring : tuple: sum and mean of the band in the ring, sum of squares, pixels, deviation of the pixel from the mean
     state : one of the states in `distances`: DEFICIENT if the pivot is lost and `rest` is only a rounding error, else
         ASIDE; ASIDE is never replaced
     """
-    square, count, away = ring
+    own, mean, square, count, away = ring
     for c in range(len(pivot)):
         if pivot[c] > 1e3 * exact * square[c]:
             scale[c] = 1.0 / np.sqrt(pivot[c])
             continue
         scale[c] = 0.0
-        slack = 100.0 * exact * (square[c] / count[c] + away[c] * away[c])
-        if pivot[c] > exact * square[c] or not rest[c] * rest[c] <= slack:
+        left, slack = rest[c], 100.0 * exact * (square[c] / count[c] + away[c] * away[c])
+        if square[c] - mean[c] * own[c] <= 1e3 * exact * square[c]:  # the band varies too little to be explained
+            left, slack = away[c], (16.0 * EPS) ** 2 * square[c] / count[c]
+        if pivot[c] > exact * square[c] or not left * left <= slack:
             state[c] = ASIDE
         elif state[c] != ASIDE:
             state[c] = DEFICIENT
@@ -113,7 +115,7 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
     count, first, z = sums[0], 1, root[bands]
     mean, away, rest, pivot = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for c in range(n):
-        total[c], state[c] = 0.0, ASIDE if count[c] <= bands else DONE
+        total[c], state[c] = 0.0, ASIDE if count[c] <= max(bands, ddof) else DONE
     for i in range(bands):
         own, square = sums[first], sums[first + 1 + i]
         for c in range(n):
@@ -136,7 +138,7 @@ def _distances(sums, x, ddof, ridge, root, total, state):  # type: ignore[no-unt
                 pivot[c] -= a[c] * a[c]
             earlier += j + 2
         scale, own_z = root[i, i], z[i]
-        _judge(pivot, rest, (square, count, away), exact, scale, state)
+        _judge(pivot, rest, (own, mean, square, count, away), exact, scale, state)
         for c in range(n):
             own_z[c] = rest[c] * scale[c]
             total[c] += own_z[c] * own_z[c]

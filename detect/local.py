@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from deglint.checks import check_choice, checked_keywords
+from deglint.checks import check_choice, check_number, checked_keywords
 from deglint.errors import InputError
 from deglint.tiles import Tile
 
@@ -56,6 +56,7 @@ class WindowRule:
             raise InputError(f"window: want odd sides, 1 <= inner < outer, got inner {inner} and outer {outer}.")
         check_choice(self.border, list(BORDERS), "border")
         check_rule("ridge", self.ridge)
+        check_number(self.ddof, 0, np.inf, "ddof")
         if self.border != "shrink" and outer > min(size):
             raise InputError(
                 f"window: {outer} pixels do not fit into {size[0]} x {size[1]} with border {self.border}. "
@@ -191,7 +192,7 @@ def _padded(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) 
     x[0] = known
     for band, out in zip(values, x[1:], strict=True):
         few = band[::4, ::4][known[::4, ::4]]  # a median, because an extreme pixel does not change it
-        np.subtract(band, np.median(few) if few.size else 0.0, out=out, where=known)
+        np.subtract(band, np.median(few) if few.size else 0.0, out=out, where=known, dtype=np.float64)
     return np.pad(x, beyond)
 
 

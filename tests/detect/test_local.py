@@ -207,6 +207,15 @@ def test_a_step_inside_the_window_keeps_its_digits():
     check(local_rx(image, inner=3, outer=11), image, 3, 11)
 
 
+def test_a_target_where_most_of_the_cell_is_far_away():
+    image = np.random.default_rng(0).normal(0.05, 0.0005, (1, 24, 30)).astype(np.float32)
+    image[0, 12, 6] += 0.006
+    image[0, :, 12:] = -9999
+    found = local_rx(image, inner=3, outer=7)
+    np.testing.assert_array_equal(found[:, :9], local_rx(image[:, :, :12], inner=3, outer=7)[:, :9])
+    assert found[12, 6] > 50
+
+
 def test_constant_band_is_as_if_dropped():
     image = image_of(4)
     more = np.insert(image, 1, 1e8 + 0.1, axis=0)
@@ -251,6 +260,11 @@ def test_too_few_pixels_have_no_score():
     assert np.count_nonzero(flags) == 2
 
 
+@pytest.mark.parametrize("ddof", [8, 20])
+def test_a_ring_of_no_more_pixels_than_ddof_has_no_score(ddof):
+    assert np.isnan(local_rx(image_of(3, 9, 9), inner=1, outer=3, ddof=ddof)).all()
+
+
 @pytest.mark.parametrize("factor", [1e-9, 1e9])
 def test_units_do_not_matter(factor):
     image = image_of(4) * np.array([1, 1e-6, 1e3, 1])[:, None, None]
@@ -289,6 +303,8 @@ def test_refusals():
         local_rx(image, inner=3, outer=5, flags=np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="ridge"):
         local_rx(image, inner=3, outer=5, ridge=np.nan)
+    with pytest.raises(InputError, match="ddof: want a number from 0"):
+        local_rx(image, inner=3, outer=5, ddof=-1)
 
 
 def test_both_ways_agree():
