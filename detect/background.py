@@ -80,11 +80,11 @@ class Background:
             mean, rest, matrix = (np.array(found[k], np.float64) for k in ("mean", "rest", "covariance"))
             names = tuple(str(name) for name in found["names"])
             shapes = mean.ndim == 1 and rest.shape == mean.shape and matrix.shape == mean.shape * 2
-            finite = shapes and np.isfinite(matrix).all() and np.isfinite(mean).all()
+            finite = shapes and all(np.isfinite(a).all() for a in (matrix, mean, rest))
             if found["background"] != 1 or not finite or len(names) not in (0, len(mean)):
                 raise ValueError
             return cls(int(found["n"]), mean, rest, matrix, str(found["rule"]), float(found["shrinkage"]), names)
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise InputError("not a saved background, or damaged; make one with --save-background.") from error
 
 

@@ -158,7 +158,8 @@ def test_what_is_no_background_is_refused(text):
 
 def test_damaged_numbers_are_refused():
     numbers = fit(image_of()).numbers()
-    for name, value in (("covariance", [[1.0]]), ("mean", [np.nan] * 4), ("names", ["a"])):
+    for name, value in (("covariance", [[1.0]]), ("mean", [np.nan] * 4), ("names", ["a"]),
+                        ("rest", [np.nan] * 4), ("n", np.inf)):  # fmt: skip
         with pytest.raises(InputError, match="not a saved background"):
             Background.from_json(json.dumps(numbers | {name: value}))
 
