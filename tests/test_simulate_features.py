@@ -213,12 +213,22 @@ def test_a_boat_leaves_a_wake_and_may_leave_the_scene():
         (lambda: Artefacts(resampling="sinc"), "resampling must be one of None, bilinear"),
         (lambda: replace(SEA, coast=100.0), "coast must be 0 to 21.6 m"),
         (lambda: replace(SEA, foam=2.0), "foam must be 0 to 0.5"),
+        (lambda: replace(SEA, coast=np.nan), "coast must be a finite number, got nan"),
+        (lambda: replace(SEA, sensor=SEA.sensor.delayed(np.nan)), "time offsets .* got nan s"),
+        (lambda: replace(SEA, misregistration=((np.nan, 0.0),) * 8), "misregistration must be a finite number"),
+        (lambda: FloatingTarget(right=np.nan, down=1.0), "right must be a finite number, got nan"),
         (lambda: simulate_together([SEA, replace(SEA, foam=0.1)]), "differ in foam"),
     ],
 )
 def test_features_out_of_range_are_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+@pytest.mark.parametrize("option", [("--boat", "nan,3,5@0"), ("--misregistration", "nan"), ("--delay", "nan")])
+def test_numbers_that_are_none_are_an_error_of_use(tmp_path, deglint, option):
+    ran = deglint("simulate", tmp_path / "scene", "--size", "32", "--objects", "none", *option)
+    assert (ran.code, "own" in ran.err, "nan" in ran.err) == (1, False, True)
 
 
 def test_spectra_are_reflectances_at_the_wavelengths():

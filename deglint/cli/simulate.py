@@ -197,6 +197,8 @@ def _offsets(most: float, count: int, seed: int) -> tuple[tuple[float, float], .
     """Random misregistration (down, right) of up to `most` [pixel], 0 for the first band; () if `most` is 0."""
     import numpy as np
 
+    if not np.isfinite(most):
+        return ((most, most),) * count  # which `Setup` refuses
     if most == 0:
         return ()
     drawn = np.random.default_rng([abs(seed), 3]).uniform(-abs(most), abs(most), (count, 2)).round(3)

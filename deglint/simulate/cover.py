@@ -5,7 +5,7 @@ The cover is Lambertian: it reflects neither sun nor sky specularly, and no ligh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,8 +42,8 @@ class FloatingTarget(Checked):
         Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake behind it [m].
     """
 
-    right: float
-    down: float
+    right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
+    down: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
     length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
     width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
     speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..errors import InputError
-from ..physics._checks import Checked, one_of, ranged, within
+from ..physics._checks import Checked, check_number, one_of, ranged
 from ..physics.atmosphere import Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
@@ -118,12 +118,14 @@ class Setup(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         height, width = (side * self.sensor.gsd for side in self.size)
-        within("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
+        check_number("coast", self.coast, 0.0, 0.9 * width, "m", "Leave some of the image to the sea.")
         if self.misregistration and len(self.misregistration) != len(self.sensor.bands):
             raise InputError(
                 f"misregistration must hold one (down, right) per band ({len(self.sensor.bands)}),"
                 f" got {len(self.misregistration)}; give (0, 0) for bands that are in place"
             )
+        most = max(self.size)
+        check_number("misregistration", self.misregistration, -most, most, "pixels", "Give (down, right) per band.")
         for target in self.objects:
             target.check_inside(height, width)
         count = self.fine_grid[0] * self.fine_grid[1]
@@ -135,7 +137,7 @@ class Setup(Checked):
             )
         extent = min(self.grid) * self.sensor.gsd
         span, limit = max(self.times), extent / float(np.sqrt(9.81 / self.sea.peak_wavenumber))
-        if span > limit:
+        if not span <= limit:
             raise InputError(
                 f"time offsets of the bands must span at most {limit:.3g} s, in which the peak wave crosses"
                 f" the simulated sea, got {span:g} s; give a larger size or domain, or shorter delays"
