@@ -121,8 +121,7 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
 
     The selection is a regular lattice, shifted from row to row, in row-major order; it depends on the arguments only.
     """
-    area = max(t.pixels for t in everything)
-    wanted = max(pixels // area, 1)
+    wanted = max(pixels // max(t.pixels for t in everything), 1)
     if len(everything) <= wanted:
         return list(everything)
     lines: dict[int, list[Tile]] = {}

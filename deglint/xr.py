@@ -124,16 +124,14 @@ def apply(
     else:
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     scene, info = opened.scene, raster_of(opened.scene).info
-    own = info.dtype
-    if dtype is not None and (dtype not in DTYPES or (dtype != own and not dtype.startswith("float"))):
-        raise InputError(f"dtype: allowed is float32, float64 or the array's own {own}, got {dtype!r}.")
+    if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
+        raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
     work = correction(scene, fitted, dtype=dtype)
     nodata = work.layout.nodata if info.nodata is not None else None  # each band keeps its own
     work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
     every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
-    clean = over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads)
-    return opened.like(clean)
+    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
 
 
 def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:

@@ -162,16 +162,15 @@ def fit(
     image = as_image(image)
     mask = as_mask(mask, image)
     check_rule(covariance, ridge)
-    pixels = image.shape[1] * image.shape[2]
-    share = sample_share(covariance, pixels)
+    share = sample_share(covariance, image.shape[1] * image.shape[2])
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
         return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
     with ThreadPoolExecutor(threads or default_threads()) as pool:
-        parts = list(pool.map(part, range(0, image.shape[1], CELL)))
-    return Part.merge(parts).background(covariance, ridge, names)
+        whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
+    return whole.background(covariance, ridge, names)
 
 
 def estimate(

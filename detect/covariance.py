@@ -99,8 +99,7 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
     found = [_concentrate(scaled, count, *start) for start in _starts(scaled, count)]
     mean, covariance, _volume = min(found, key=lambda core: core[2])
     bands = max(int(np.count_nonzero(spread > 0)), 1)
-    distances = _distances(scaled, mean, covariance)
-    covariance = covariance * (np.median(distances) / chi2.ppf(0.5, bands) or 1.0)
+    covariance = covariance * (np.median(_distances(scaled, mean, covariance)) / chi2.ppf(0.5, bands) or 1.0)
     inside = _distances(scaled, mean, covariance) <= chi2.ppf(_TRIM, bands)
     if np.count_nonzero(inside) <= bands:
         inside[:] = True
@@ -147,5 +146,4 @@ def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> 
 
 def _distances(x: Float64, mean: Float64, covariance: Float64) -> Float64:
     """Squared Mahalanobis distances of the pixels x, (pixels, bands), from a mean; (pixels,)."""
-    z = (x - mean) @ whitener(covariance).T
-    return np.asarray((z**2).sum(axis=1))
+    return np.asarray((((x - mean) @ whitener(covariance).T) ** 2).sum(axis=1))

@@ -174,8 +174,7 @@ def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRu
             near = [(at < rule.halo) | (at >= n - rule.halo) for at, n in zip((rows, columns), rule.size, strict=True)]
             states[inside & np.logical_or.outer(*near)] = _DIRECT
     for r, c in np.argwhere(states == _DIRECT):
-        place = int(r) + cell.row0, int(c) + cell.col0
-        scores[r, c], states[r, c] = _direct(block, good, held, place, rule)
+        scores[r, c], states[r, c] = _direct(block, good, held, (int(r) + cell.row0, int(c) + cell.col0), rule)
     return scores, states
 
 

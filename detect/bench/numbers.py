@@ -35,8 +35,7 @@ class Number:
     exact: bool = True  # the same on every machine for the same seeds and versions; False for times
 
     def __str__(self) -> str:
-        spread = "" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})"
-        return short(self.value) + spread
+        return short(self.value) + ("" if math.isnan(self.low) else f" ({short(self.low)}-{short(self.high)})")
 
 
 def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float:

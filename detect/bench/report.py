@@ -106,8 +106,7 @@ def named(condition: Condition) -> str:
 
 def tables(results: Results) -> list[Table]:
     """All tables of the report."""
-    several = [by_condition(results)] if len(results.conditions) > 1 else []
-    return [overview(results), *several, objects(results)]
+    return [overview(results), *([by_condition(results)] if len(results.conditions) > 1 else []), objects(results)]
 
 
 def overview(results: Results) -> Table:

@@ -37,10 +37,8 @@ _GAP = ((0, 0), (0, 4), (0, 0))  # white margin at the right of a panel [pixel o
 
 
 def to_wgs84(scene: Scene) -> Move | None:
-    """Make the function that converts (column, row) corners to (longitude, latitude) [degree].
-
-    None without a CRS, and if that of the scene has no place on the Earth. The function raises InputError for corners
-    outside the projection.
+    """Make the function that converts (column, row) corners to (longitude, latitude) [degree]; None without a CRS on
+    the Earth. It raises InputError for corners outside the projection.
     """
     transform, crs = scene.transform, scene.crs
     if transform is None or crs is None:
