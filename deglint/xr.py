@@ -206,8 +206,8 @@ def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
 
 def _with_bands(dataset: Any) -> list[Any]:
     """Names of the variables that are images with a band dimension."""
-    images = [n for n in dataset.data_vars if dataset[n].ndim >= 3]
-    return [n for n in images if {str(d).lower() for d in dataset[n].dims} & set(BANDS)]
+    every = dataset.data_vars.items()
+    return [n for n, v in every if v.ndim >= 3 and {str(d).lower() for d in v.dims} & set(BANDS)]
 
 
 def stack(dataset: Any) -> Any:

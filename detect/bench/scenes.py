@@ -15,25 +15,21 @@ import numpy as np
 from deglint import Scene, open_scene
 from deglint.morphology import grown
 from deglint.physics.sensor import Sensor
-from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, square
+from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, thesis_array
 
 from ..arrays import Array, Float64, Int64, Mask
 
 SIDE = 256  # number of rows and of columns of a scene [pixel of 25 cm]
 REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects [1]
-OBJECT, SPACING, DEPTH = 16, 64, 5.0  # side of an object and distance from row to row [pixel], and depth [m]
+OBJECT, DEPTH = 16, 5.0  # side of an object [pixel] and its depth [m]
 BLURRED_EDGE = 4  # width of the edge of objects that is neither object nor background [pixel]: light is spread there
 SEED = 100  # seed of the first sea
 
 
 def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
     """Objects in the right half of a scene of `side` x `side` pixels of size `gsd` [m]; one column per reflectance."""
-    across, down = side / 2 / len(REFLECTANCES), min(SPACING, side)
-    return tuple(
-        square((side / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, min(OBJECT, across / 2) * gsd,
-               reflectance=reflectance, depth=DEPTH)
-        for i in range(side // down) for j, reflectance in enumerate(REFLECTANCES)
-    )  # fmt: skip
+    largest = min(OBJECT, side / 4 / len(REFLECTANCES))
+    return thesis_array((side, side), gsd, reflectances=REFLECTANCES, sides=(largest,), depth=DEPTH)
 
 
 @dataclass(frozen=True, eq=False)
