@@ -61,10 +61,11 @@ class Tile:
         rows = max(self.row0 - halo, 0), min(self.row1 + halo, height)
         return Tile(*rows, max(self.col0 - halo, 0), min(self.col1 + halo, width))
 
-    def split(self, side: int) -> list[Tile]:
-        """Cut the tile into squares of `side` pixels, smaller at its right and lower edges, in row-major order."""
-        rows, columns = range(self.row0, self.row1, side), range(self.col0, self.col1, side)
-        return [Tile(r, min(r + side, self.row1), c, min(c + side, self.col1)) for r in rows for c in columns]
+    def split(self, down: int, across: int | None = None) -> list[Tile]:
+        """Cut into tiles of `down` x `across` (default: `down`) pixels, smaller at the end, in row-major order."""
+        across = across or down
+        rows, columns = range(self.row0, self.row1, down), range(self.col0, self.col1, across)
+        return [Tile(r, min(r + down, self.row1), c, min(c + across, self.col1)) for r in rows for c in columns]
 
     def within(self, outer: Tile) -> tuple[Any, slice, slice]:
         """Index that selects this tile in an array of the tile `outer`, (row, column) or (band, row, column)."""
@@ -109,11 +110,7 @@ def _side(side: int, block: int, bands: int) -> int:
 
 def tiles(height: int, width: int, shape: tuple[int, int]) -> list[Tile]:
     """Cut a scene of `height` x `width` pixels into tiles of `shape` (rows, columns), in row-major order."""
-    return [
-        Tile(r, min(r + shape[0], height), c, min(c + shape[1], width))
-        for r in range(0, height, shape[0])
-        for c in range(0, width, shape[1])
-    ]
+    return Tile(0, height, 0, width).split(*shape)
 
 
 def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
