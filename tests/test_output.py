@@ -15,6 +15,7 @@ from rasterio.rpc import RPC
 
 import deglint as library
 from deglint import Recipe, remove_glint
+from deglint.errors import WriteError
 
 HEDLEY = Recipe(method="hedley", sample="all", mask="none", compensate="off")
 RUN = ("--method", "hedley", "--sample", "all", "--mask", "none")
@@ -290,6 +291,15 @@ def test_an_old_files_mode_is_kept_and_its_companions_go(sea, write, tmp_path):
     remove_glint(source, out, HEDLEY, overwrite=True)
     assert stat.S_IMODE(out.stat().st_mode) == 0o640
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif", "out.tif.json"]
+
+
+@pytest.mark.parametrize("ending", [".aux.xml", ".ovr", ".msk"])
+def test_companions_without_their_image_are_not_deleted_unasked(sea, write, tmp_path, ending):
+    beside = tmp_path / f"out.tif{ending}"
+    beside.write_text("of somebody")
+    with pytest.raises(WriteError, match=rf"out\.tif\{ending} exists already\. Give --overwrite"):
+        remove_glint(write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", HEDLEY)
+    assert beside.read_text() == "of somebody"
 
 
 def test_a_symbolic_link_is_written_through(sea, write, read, tmp_path):

@@ -130,7 +130,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Raise WriteError if one output cannot be written, or exists already and `overwrite` is False."""
+    """Raise WriteError if one output cannot be written, or it or a companion exists already, without `overwrite`."""
     if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():
@@ -142,8 +142,9 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
         raise WriteError(f"no permission to write in {directory}. Choose another place for {path.name}.")
     if path.exists() and not path.is_file():
         raise WriteError(f"{path} is not a regular file, and would be replaced by one. Name another output.")
-    if path.exists() and not overwrite:
-        raise WriteError(f"{path} exists already. Give --overwrite (in Python overwrite=True), or another name.")
+    found = [file for file in (path, *_companions(path)) if file.exists()]  # all of which would be replaced
+    if found and not overwrite:
+        raise WriteError(f"{found[0]} exists already. Give --overwrite (in Python overwrite=True), or another name.")
 
 
 def check_images(*paths: Path | None) -> None:
