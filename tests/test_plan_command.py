@@ -176,6 +176,8 @@ def test_place_from_a_raster_and_from_geojson(deglint, tmp_path, write, sea, geo
     assert "holds no point" in deglint("plan", "--place", tmp_path / "empty.geojson", *options).err
     bare = write(tmp_path / "bare.tif", sea(), crs=None)
     assert "has no CRS" in deglint("plan", "--place", bare, *options).err
+    nowhere = write(tmp_path / "nowhere.tif", sea(), crs="EPSG:4326", transform=None)
+    assert "no geotransform, so its place is not known" in deglint("plan", "--place", nowhere, *options).err
     assert deglint("plan", "--place", scene, "--lat", "3", *options).code == 2
 
 

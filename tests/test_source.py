@@ -152,6 +152,16 @@ def test_fourth_byte_band_that_gdal_calls_alpha_can_be_near_infrared(tmp_path):
     assert open_scene(path).names[3] == "nir"
 
 
+def test_the_number_of_the_near_infrared_is_that_of_the_stack(tmp_path):
+    array = numbers("uint8", (4, 20, 30))
+    array[3, :5] = 0
+    colours = write(tmp_path / "a.tif", array)
+    scene = open_scene([colours, write(tmp_path / "nir.tif", array[:1])], nir=4)
+    assert scene.names == ("red", "green", "blue", "nir")
+    assert np.isnan(scene.read()[:3, :5]).all()
+    assert any("NIR is band 4 nir" in note for note in scene.notes)
+
+
 def test_windows_tile_the_whole(tmp_path):
     array = numbers("uint16", (2, 70, 50))
     options = {"tiled": True, "blockxsize": 16, "blockysize": 16, "compress": "deflate"}
@@ -253,6 +263,12 @@ def test_pure_conversion_leaves_its_input_alone():
     out = to_physical(raw, valid, [2.0] * 3, [1.0] * 3)
     np.testing.assert_array_equal(out, np.where(valid, raw * 2 + 1, np.nan))
     np.testing.assert_array_equal(to_physical(raw, valid, [1.0] * 3, [0.0] * 3), np.where(valid, raw, np.nan))
+
+
+def test_half_precision_is_converted_without_a_warning(recwarn):
+    raw = np.float16([[[1.5, np.inf, 6e4]]])
+    np.testing.assert_array_equal(to_physical(raw, None, [1.0], [0.0]), np.where(np.isinf(raw), np.nan, raw))
+    assert not recwarn.list
 
 
 def test_valid_is_none_where_nothing_is_missing():

@@ -396,6 +396,28 @@ def test_decoded_and_raw_numbers_give_the_same(sea, write, tmp_path):
     np.testing.assert_allclose(clean.values[:, 9:], expected[:, 9:] * 1e-4 - 0.1, atol=6e-5)
 
 
+@pytest.mark.parametrize("nodata", ["0", "nan", True, [0]])
+def test_nodata_is_a_number_or_none(sea, nodata):
+    with pytest.raises(InputError, match=r'nodata \("none": every number is data\): want a number'):
+        open_array(odc_like(sea())["B02"], nodata=nodata)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint32", "int16"])
+def test_coordinates_of_any_type_place_the_pixels(dtype):
+    x = np.array([-32000, 0, 32000] if dtype == "int16" else [1, 2, 3], dtype)
+    given = xarray.DataArray(np.ones((3, 3)), dims=("y", "x"), coords={"y": np.array([3, 2, 1], dtype), "x": x})
+    step = float(x[1]) - float(x[0])
+    assert open_array(given).scene.transform == rasterio.Affine(step, 0, x[0] - step / 2, 0, -1, 3.5)
+
+
+def test_a_declared_transform_without_inverse_is_none(sea):
+    given = odc_like(sea())["B02"]
+    place = open_array(given).scene.transform
+    given.spatial_ref.attrs["GeoTransform"] = "0 0 0 0 0 0"
+    assert open_array(given).scene.transform == place
+    assert open_array(given.drop_vars(["x", "y"])).scene.transform is None
+
+
 def test_what_cannot_be_used_is_said(sea):
     given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
     with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):

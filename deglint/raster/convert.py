@@ -81,7 +81,7 @@ def is_finite(values: Raw) -> Valid:
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
-        return np.asarray(size < low)
+        return np.asarray(size < np.float32(low))  # beyond float16
     return np.asarray(((size < low) | (size > high)) & (size < np.finfo(np.float64).max))
 
 

@@ -237,8 +237,11 @@ def middle_of(path: str) -> tuple[float, float]:
     else:
         with open_dataset(path) as dataset:
             crs, (x, y) = dataset.crs, at(dataset.transform, 0.5 * dataset.width, 0.5 * dataset.height)
-        if crs is None:
-            raise InputError(f"{path} (--place) has no CRS, so its place is not known. Give --lat and --lon.")
+            known = crs is not None and not dataset.transform.is_identity
+        if not known:
+            raise InputError(
+                f"{path} (--place) has no CRS or no geotransform, so its place is not known. Give --lat and --lon."
+            )
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:

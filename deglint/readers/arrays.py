@@ -3,6 +3,7 @@
 Arrays may come from rioxarray, odc-stac or stackstac; xarray is not imported. Bands are identified like those of files.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -179,7 +180,7 @@ def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default
 def _floats(value: Any) -> list[float]:
     try:
         return [float(v) for v in np.asarray(value, np.float64).reshape(-1)] if value is not None else []
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return []
 
 
@@ -213,12 +214,14 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
     """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
+    if stated is not None and not 0 < abs(stated.determinant) < math.inf:
+        stated = None
     x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))
     steps = []
     for along, declared in ((x, stated.a if stated else 0.0), (y, stated.e if stated else 0.0)):
         if along.ndim != 1 or not along.size or along.dtype.kind not in "fiu":
             return stated
-        steps.append(float(along[-1] - along[0]) / (len(along) - 1) if len(along) > 1 else declared)
+        steps.append((float(along[-1]) - float(along[0])) / (len(along) - 1) if len(along) > 1 else declared)
     across, down = steps
     if not across or not down:
         return stated

@@ -95,8 +95,6 @@ def open_scene(
     paths = [as_path(p, "path") for p in (path if isinstance(path, (list, tuple)) else [path])]
     if not paths:
         raise InputError("want at least one file to open, got none")
-    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
-        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     preset = None if sensor is None else as_path(sensor, "sensor")
     scene = _stacked(paths, preset, nir, nodata, grid, _given(properties))
     return scene if nir is None else replace(scene, notes=(*scene.notes, explain_nir(scene, nir)))
@@ -113,10 +111,11 @@ def _stacked(
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
     count = max(len(given["bands"]), len(given["wavelengths"]))
-    alone = count if len(assets) == 1 else 0
+    # of several files, a number of names, or of the near infrared, is not that of a band of each
+    alone, own = (count, nir) if len(assets) == 1 else (0, None)
     opened = []
     for asset in assets:
-        held = products.opened(asset.path, lambda name: _describe(name, preset, nir, notes, alone))
+        held = products.opened(asset.path, lambda name: _describe(name, preset, own, notes, alone))
         opened.append(replace(held, infos=[asset.put_on(info) for info in held.infos]))
     notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
@@ -167,6 +166,8 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
     If given, `nodata` is used for all bands; a text ("none") means no nodata. Else the file's nodata is kept, except in
     a band whose type cannot hold it, which a line in `notes` reports. Raises InputError if a type cannot hold `nodata`.
     """
+    if nodata not in (None, "none") and nodata == nodata:  # NaN is allowed
+        check_number(nodata, -math.inf, math.inf, 'nodata ("none": every number is data)')
     if nodata is not None:
         given = None if isinstance(nodata, str) else float(nodata)
         for dtype in info.dtypes:
@@ -256,7 +257,7 @@ def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = T
     values = np.array(given.split(",") if isinstance(given, str) else given, dtype=object).ravel()
     try:
         found = [math.nan if isinstance(value, bool) else float(value) for value in values]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = [math.nan]
     if not np.isfinite(found).all() or (0 in found and not zero):
         what = "numbers" if zero else "numbers other than 0"

@@ -1,13 +1,16 @@
 """WorldView, GeoEye, Pleiades and SPOT, and the captures and mosaics of drones: as `test_products`."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+from PIL import Image
 
 import deglint
 from deglint.errors import InputError, ReadError
+from deglint.readers.products.drone import _black_level
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "real"
 WV = {"COASTAL": 425, "BLUE": 480, "GREEN": 545, "YELLOW": 605, "RED": 660, "REDEDGE": 725, "NIR1": 832.5, "NIR2": 950}
@@ -183,6 +186,16 @@ def test_vignette_and_rows_are_corrected_in_any_window(vendor, sea, tmp_path):
         np.testing.assert_allclose(scene.source.to_physical(raw, valid)[1], wanted[rows, columns], rtol=2e-4)
     alone = deglint.open_scene(tmp_path / "IMG_0192_2.tif")
     np.testing.assert_allclose(alone.read()[0], wanted, rtol=2e-4)
+
+
+@pytest.mark.parametrize("kind", ["zip", "tar"])
+def test_the_black_level_is_read_in_archives_too(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    Path("all/IMG").mkdir(parents=True)
+    Image.new("I;16", (4, 3)).save("all/IMG/IMG_0192_1.tif", tiffinfo={50714: 4900})
+    shutil.make_archive("capture", kind, "all")
+    for path in ("all", f"/vsi{kind}/capture.{kind}", f"/vsi{kind}/{tmp_path}/capture.{kind}"):
+        assert _black_level(f"{path}/IMG/IMG_0192_1.tif") == 4900
 
 
 def test_what_is_no_capture_is_not_corrected(vendor, sea, tmp_path):

@@ -13,15 +13,17 @@ DJI, Mavic 3M Image Processing Guide (2023), equation 9 and the vignetting corre
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from ...errors import ReadError
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file, quiet
 from ..text import number, numbers, positive
-from .metadata import Container, MetadataError, Product, ProductBand, filled, tags_of, xml_of
+from .metadata import Container, MetadataError, Product, ProductBand, filled, open_archive, tags_of, xml_of
 
 METADATA = r"(?!)"  # matches nothing: the metadata are inside each image
 IMAGES = (
@@ -217,9 +219,14 @@ def _black_level(path: str) -> float | None:
     """Mean of the tag BlackLevel of a TIFF [file value]; None if it is missing or unreadable."""
     from PIL.TiffImagePlugin import TiffImageFile
 
+    archive = re.fullmatch(r"/vsi(?:zip|tar)/(.+?\.(?:zip|tar))/(.+)", path, re.IGNORECASE)
     try:
-        with quiet(), TiffImageFile(path) as image:
+        file: Any = path
+        if archive:
+            box = open_archive(archive[1])
+            file = BytesIO(box.read(box.beside("", archive[2]) or archive[2]))
+        with quiet(), TiffImageFile(file) as image:
             values = np.atleast_1d(image.tag_v2[_BLACK_LEVEL]).astype(np.float64)
-    except (OSError, ValueError, TypeError, KeyError, SyntaxError):
+    except (ReadError, OSError, ValueError, TypeError, KeyError, SyntaxError):
         return None
     return float(values.mean())
