@@ -229,6 +229,13 @@ def test_wrong_values_are_named_in_one_line(tmp_path, write, options, says):
     assert "\n" not in str(caught.value)
 
 
+def test_names_are_unique_beside_one_that_is_numbered(tmp_path, write):
+    names = ("a", "a", "a (2)", "A")
+    found = open_scene(write(tmp_path / "a.tif", np.zeros((4, 4, 5), np.uint16), names=names)).names
+    assert found[:2] == ("a", "a (2)")
+    assert len(set(map(str.casefold, found))) == 4
+
+
 @pytest.mark.parametrize("path", [None, 3, b"a.tif", np.zeros((2, 2)), ["a.tif", 3]])
 def test_what_is_no_name_of_a_file_is_said_so(path):
     with pytest.raises(InputError, match="path: want a file name, got "):
@@ -300,6 +307,12 @@ def test_a_sensor_of_ones_own(tmp_path, write):
         ("wavelength = 550", "wavelength = 0.55", r"wavelength: allowed is 300 to 20000 nm, got 0\.55"),
         ('"lime", "far"]', '"lime", "near"]', r"products: want lists of deep, lime, far"),
         ("f_number", "fnumber", r"\[mycam\] optics: 'fnumber' is not one of aperture, focal_length"),
+        ('"lime", "far"]', '"lime", ["far"]]', r"products: want lists of deep, lime, far"),
+        ("width = 30", "width = -3", r"bands, entry 1: width: want a finite number above 0, got -3"),
+        ("width = 30", "width = true", r"bands, entry 1: width: want a finite number above 0, got True"),
+        ("time_offset = 0.1", "time_offset = inf", r"bands, entry 2: time_offset: want a finite number, got inf"),
+        ("f_number = 4", "aperture = 0, focal_length = 1", r"optics: aperture: want a finite number above 0, got 0"),
+        ("bands = [", "bands = []\nsources = [", r"\[mycam\]: bands is empty"),
         ("[mycam]", "", r"want one table, such as \[mycamera\]"),
         ("title = ", "title : ", "is not TOML"),
     ],

@@ -103,6 +103,9 @@ def test_a_misspelt_band_is_told_the_nearest():
         find_band(scene, "Bleu")
     assert "--nir" not in str(caught.value)
     assert find_band(scene_of(Band("SR_B2"), Band("SR_B3")), "B02") == 0
+    for wanted in (-8, "-8"):
+        with pytest.raises(BandError, match=r"no band '?-8'? in"):
+            find_band(scene_of(Band("B3"), Band("B8")), wanted)
     assert find_band(bands_at(490, 660), "red") == 1
 
 

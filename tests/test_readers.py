@@ -84,10 +84,10 @@ def test_wavelengths_from_a_list_in_the_dataset(tmp_path, value):
     assert [b.width for b in scene.bands] == pytest.approx([30, 100])
 
 
-@pytest.mark.parametrize("units", ["Micrometers", "Nanometers", None])
+@pytest.mark.parametrize("units", ["Micrometers", "Nanometers", "Angstroms", None])
 def test_envi_file(tmp_path, units):
     path = write(tmp_path / "a.img", zeros(3), driver="ENVI")
-    factor = 1 if units == "Micrometers" else 1000
+    factor = {"Micrometers": 1, "Angstroms": 10_000}.get(units, 1000)
     listed = ", ".join(f"{w * factor:g}" for w in (0.49, 0.56, 0.842))
     with (tmp_path / "a.hdr").open("a") as header:
         header.write(f"\nwavelength = {{{listed}}}\nfwhm = {{{20e-3 * factor}, {30e-3 * factor}, {0.1 * factor}}}\n")

@@ -122,6 +122,15 @@ def test_a_stac_item_is_a_scene(deglint, files, tmp_path, new):
     assert ran.code == 0, ran.err
 
 
+def test_an_item_of_odd_values_is_read_without_them(files, tmp_path):
+    item = item_of(files)
+    del item["assets"]["visual"]
+    for asset in item["assets"].values():
+        asset["roles"], asset["raster:bands"][0]["nodata"] = 5, 10**400
+    (tmp_path / "item.json").write_text(json.dumps(item))
+    assert open_scene(tmp_path / "item.json").source.info.nodatas == (None,) * 4
+
+
 def test_neither_an_item_nor_its_bands_are_written_over(deglint, files, tmp_path):
     item = tmp_path / "item.json"
     item.write_text(json.dumps(item_of(files)))

@@ -151,9 +151,10 @@ def _names(info: RasterInfo, stems: Sequence[str]) -> tuple[list[str], frozenset
         unnamed = set(range(len(names)))
     seen: Counter[str] = Counter()
     for i, name in enumerate(names):
-        seen[name.casefold()] += 1
-        if seen[name.casefold()] > 1:
+        while seen[names[i].casefold()]:
+            seen[name.casefold()] += 1
             names[i] = f"{name} ({seen[name.casefold()]})"
+        seen[names[i].casefold()] += 1
     return names, frozenset(unnamed)
 
 
@@ -273,7 +274,9 @@ def sensor_of(name: str) -> Sensor:
     _check(where, entry, _OF_FILE, ("bands",))
     checked["bands"] = [_band(f"{where} bands, entry {i}", band) for i, band in enumerate(entry["bands"], start=1)]
     own = [band["name"] for band in checked["bands"]]
-    if not all(isinstance(product, list) and set(product) <= set(own) for product in entry.get("products", ())):
+    if not own:
+        raise InputError(f"{where}: bands is empty. Give a table for each band.")
+    if not all(isinstance(p, list) and all(name in own for name in p) for p in entry.get("products", ())):
         raise InputError(f"{where}: products: want lists of {', '.join(own)}.")
     if "optics" in entry:
         _check(f"{where} optics", entry["optics"], _OPTICS)
@@ -324,5 +327,12 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
+        if allowed[key] == "float":
+            found, least = (
+                None if isinstance(value, bool) else number(value),
+                "" if key == "time_offset" else " above 0",
+            )
+            if found is None or (least and found <= 0):
+                raise InputError(f"{where}: {key}: want a finite number{least}, got {described(value)}.")
     if missing := [key for key in needed if key not in entry]:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

@@ -165,10 +165,11 @@ def find_band(scene: Scene, wanted: str | int) -> int:
     names = [normalise(n) for n in scene.names]
     if isinstance(item, str) and text in names:
         return names.index(text)
-    if text.isdecimal() and 1 <= int(text) <= len(names) and not str(item).strip().startswith("-"):
+    negative = str(item).strip().startswith("-")
+    if text.isdecimal() and 1 <= int(text) <= len(names) and not negative:
         return int(text) - 1
     code, codes = band_code(str(item)) or band_code(f"b{text}"), [band_code(n) for n in scene.names]
-    if code is not None and codes.count(code) == 1:
+    if code is not None and codes.count(code) == 1 and not negative:
         return codes.index(code)
     if (index := _by_role(scene, text)) is not None:
         return index

@@ -141,7 +141,8 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     """Keys of assets with one band, in order of wavelength, else of the only image, else InputError about `what`."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
-    usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, a.get("roles") or ())}}
+    roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
+    usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
     said = {k: _said(a, k) for k, a in usable.items()}
     singles: dict[str, str] = {}
     # of two formats TIFF is used, as it is read in parts
@@ -155,7 +156,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
         return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(several) == 1:
         return several
-    data = [k for k, a in rasters.items() if "data" in (a.get("roles") or ())]
+    data = [k for k in rasters if "data" in roles[k]]
     keys = data or list(rasters) or list(assets)
     if len(keys) == 1:
         return keys

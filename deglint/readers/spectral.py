@@ -157,12 +157,14 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
 def nanometres(value: float, unit: str = "") -> float | None:
     """Convert a wavelength to nm. Without a known unit, it is um up to 30, else nm. None for wavenumber, index or GHz.
 
-    >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers")
-    (490.0, 490, 490.0)
+    >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers"), nanometres(4900, "Angstroms")
+    (490.0, 490, 490.0, 490.0)
     """
     name = unit.strip().lower()
-    if name in ("wavenumber", "index", "ghz", "mhz"):
+    if name in ("wavenumber", "1/cm", "cm-1", "index", "ghz", "mhz"):
         return None
+    if name.startswith(("angstrom", "ångström", "å")):
+        return round(value / 10, 6)
     micrometres = name.startswith(("um", "µm", "μm", "micro")) or (name[:1] != "n" and value <= _LARGEST_MICROMETRE)
     return round(value * 1000, 6) if micrometres else value
 

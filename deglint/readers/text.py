@@ -48,7 +48,7 @@ def number(value: Any) -> float | None:
     """The value as a float if it is a finite number, or a string with such a number; else None."""
     try:
         found = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return found if math.isfinite(found) else None
 
