@@ -177,7 +177,7 @@ def test_place_from_a_raster_and_from_geojson(deglint, tmp_path, write, sea, geo
     bare = write(tmp_path / "bare.tif", sea(), crs=None)
     assert "has no CRS" in deglint("plan", "--place", bare, *options).err
     nowhere = write(tmp_path / "nowhere.tif", sea(), crs="EPSG:4326", transform=None)
-    assert "no geotransform, so its place is not known" in deglint("plan", "--place", nowhere, *options).err
+    assert "has no CRS or geotransform" in deglint("plan", "--place", nowhere, *options).err
     assert deglint("plan", "--place", scene, "--lat", "3", *options).code == 2
 
 

@@ -51,17 +51,15 @@ class FileBands:
         """A copy with other nodata values; if all are the same number, resampling leaves it out."""
         if self.warp is None or nodatas[0] is None or len({*nodatas}) > 1:
             return replace(self, nodatas=nodatas)
-        alpha = None if self.warp.get("add_alpha") else self.alpha
         warp = {k: v for k, v in self.warp.items() if k != "add_alpha"}
         warp |= {"src_nodata": nodatas[0], "nodata": nodatas[0]}
-        return replace(self, nodatas=nodatas, alpha=alpha, warp=warp)
+        return replace(self, nodatas=nodatas, alpha=None if self.warp.get("add_alpha") else self.alpha, warp=warp)
 
 
 class RasterSource:
     """Pixels of a scene, read from one file or from several on the same grid; a `deglint.scene.Source`.
 
-    `files` are in the order of the scene's bands; `info` has the properties of these bands. A source can be pickled;
-    the copy opens the files again.
+    `files` are in the order of the scene's bands; `info` has their properties. A pickled copy opens the files again.
     """
 
     def __init__(self, files: Sequence[FileBands], info: RasterInfo) -> None:
@@ -224,9 +222,7 @@ class ArraySource(RasterSource):
         rows, columns = ((a - first, b - first) for (a, b), first in zip(window, self.origin, strict=True))
         _, height, width = self.values.shape
         if not (0 <= rows[0] <= rows[1] <= height and 0 <= columns[0] <= columns[1] <= width):
-            raise InputError(
-                f"window: allowed inside the {height} rows and {width} columns from {self.origin} on, got {window}"
-            )
+            raise InputError(f"window: allowed are {height} rows, {width} columns from {self.origin} on, got {window}")
         first = min(bands, default=0)
         together = list(bands) == list(range(first, first + len(bands)))
         chosen = slice(first, first + len(bands)) if together else list(bands)  # a slice copies nothing

@@ -5,8 +5,7 @@ another existing file only if `overwrite` is True. Files are compared by device 
 spellings are recognised; names of files that do not exist are compared as resolved paths.
 
 A run writes scratch files in the directory of its outputs and renames them when all are complete. If one cannot be
-renamed, or after Ctrl-C, those already renamed get their old names again. Scratch files of killed runs are removed by
-the next run with the same output.
+renamed, or after Ctrl-C, those already renamed get their old names again. The next run removes those of killed runs.
 """
 
 import contextlib
@@ -119,8 +118,7 @@ def check_unread(targets: Sequence[Path], reads: Reads) -> None:
     for target in targets:
         for path in (target, *_companions(target)):  # when an image is replaced, its old companions are deleted
             if found := held.get(identity(path)):
-                lost = "it would be written over, and would be lost"
-                raise InputError(f"{path} {found}: {lost}. Give that output another name.")
+                raise InputError(f"{path} {found}: written over, it would be lost. Give that output another name.")
         if (whose := beside.get(identity(target))) is not None:
             raise InputError(f"{target} would be read as a part of {whose}. Give that output another name.")
 

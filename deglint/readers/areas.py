@@ -134,10 +134,8 @@ def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
         columns, rows = at(~transform, *_corners(shapes).T)
     if not (np.abs([columns, rows]) < _FAR).all():
         raise InputError(f"{name} has coordinates that cannot be brought into the scene's CRS. Check its CRS.")
-    window = (
-        (int(np.floor(rows.min())), int(np.ceil(rows.max()))),
-        (int(np.floor(columns.min())), int(np.ceil(columns.max()))),
-    )
+    down, across = ((int(np.floor(along.min())), int(np.ceil(along.max()))) for along in (rows, columns))
+    window = down, across
     return Area(window, partial(_in_polygons, shapes, transform, window), note)
 
 
@@ -237,11 +235,8 @@ def middle_of(path: str) -> tuple[float, float]:
     else:
         with open_dataset(path) as dataset:
             crs, (x, y) = dataset.crs, at(dataset.transform, 0.5 * dataset.width, 0.5 * dataset.height)
-            known = crs is not None and not dataset.transform.is_identity
-        if not known:
-            raise InputError(
-                f"{path} (--place) has no CRS or no geotransform, so its place is not known. Give --lat and --lon."
-            )
+            if crs is None or dataset.transform.is_identity:
+                raise InputError(f"{path} (--place) has no CRS or geotransform to place it. Give --lat and --lon.")
     try:
         (longitude,), (latitude,) = transform(crs, LONGITUDE_LATITUDE, [x], [y])
     except gdal_errors(ValueError) as error:

@@ -50,8 +50,7 @@ class ArrayScene:
 
     def plane(self, values: Any, name: str) -> Any:
         """A DataArray called `name` with `values` (row, column); of the attributes, only georeferencing is kept."""
-        first = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True)
-        out = first.copy(data=values)
+        out = self._ordered.isel(dict.fromkeys(self._ordered.dims[:-2], 0), drop=True).copy(data=values)
         out.name = name
         out.attrs = {k: v for k, v in out.attrs.items() if k in ("grid_mapping", "crs", "transform", "resolution")}
         out.encoding = {k: v for k, v in out.encoding.items() if k == "grid_mapping"}
@@ -152,11 +151,9 @@ def _bands(
         for name, coord in array.coords.items()
         if coord.dims == (() if band is None else (band,)) and coord.size == count and str(name) != "spatial_ref"
     }
-    one = array.attrs.get("long_name") if count == 1 else None
-    described = lists.get("long_name", [one])
+    described = lists.get("long_name", [array.attrs.get("long_name") if count == 1 else None])
     candidates = [described, *(along.get(k, [None]) for k in (str(band), "band", "common_name", "title"))]
     worded = [c for c in candidates if all(isinstance(v, str) and v for v in c)]
-    names = worded[0] if worded else [None] * count
     said = {str(k): v for k, v in lists.items()} | along
     tags = []
     for i in range(count):
@@ -165,7 +162,7 @@ def _bands(
         if common and not any("wave" in k and re.search(r"\d", v) for k, v in own.items()):
             own["wavelength_nm"] = f"{common:g}"
         tags.append({k: v for k, v in own.items() if v not in ("", "None", "nan")})
-    return tuple(names), tags
+    return tuple(worded[0] if worded else [None] * count), tags
 
 
 def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:
@@ -231,5 +228,4 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
     first, last = (~stated * (own * at) for at in ((0, 0), (len(x), len(y))))
     same_size = all(abs(b - a - n) < _CLOSE for a, b, n in zip(first, last, (len(x), len(y)), strict=True))
     # coordinates are of the centres of pixels, or of their corners (stackstac)
-    same_place = any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5))
-    return stated if same_size and same_place else own
+    return stated if same_size and any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5)) else own

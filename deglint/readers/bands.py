@@ -102,9 +102,8 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
     """Derive missing wavelengths from codes or colours in names, except for `unnamed` bands; return bands and notes."""
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
-    letters = spectral.letter_wavelengths([b.name for b in bands])
     filled = []
-    for i, (band, letter) in enumerate(zip(bands, letters, strict=True)):
+    for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):
         own = None if sensor is None or i in unnamed else named_in(band.name, sensor)
         nominal = own.wavelength if own else letter or (None if sensor else spectral.nominal_wavelength(band.name))
         filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
@@ -297,8 +296,7 @@ class KnownOptics:
 def optics_of(scene: Scene) -> KnownOptics | None:
     """Optics of a scene from tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS (default 0.5), else its preset; or None."""
     info: RasterInfo | None = getattr(scene.source, "info", None)
-    spaces = [] if info is None else info.tags.values()
-    tags = {k.upper(): v for part in spaces for k, v in part.items()}
+    tags = {k.upper(): v for part in ([] if info is None else info.tags.values()) for k, v in part.items()}
     f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
     if f_number and pitch:
         smear = number(tags.get("SMEAR_PIXELS"))
@@ -327,12 +325,8 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
-        if allowed[key] == "float":
-            found, least = (
-                None if isinstance(value, bool) else number(value),
-                "" if key == "time_offset" else " above 0",
-            )
-            if found is None or (least and found <= 0):
-                raise InputError(f"{where}: {key}: want a finite number{least}, got {described(value)}.")
+        found, least = None if isinstance(value, bool) else number(value), "" if key == "time_offset" else " above 0"
+        if allowed[key] == "float" and (found is None or (least and found <= 0)):
+            raise InputError(f"{where}: {key}: want a finite number{least}, got {described(value)}.")
     if missing := [key for key in needed if key not in entry]:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

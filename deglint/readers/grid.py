@@ -29,13 +29,10 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
     `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, or (the end of) its name.
     """
-    sizes = {(i.height, i.width) for i in infos}
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
-        if len(sizes) > 1 and 0 < len(without) < len(infos):
-            raise InputError(
-                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
-            )
+        if len({(i.height, i.width) for i in infos}) > 1 and 0 < len(without) < len(infos):
+            raise InputError(f"{without[0]} has no {what} and another size than others. Give it one, or leave it out.")
     bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
     chosen = _choose(infos, areas, grid)
     reference, here = infos[chosen], bounds[chosen]
@@ -53,8 +50,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
         finer = area < 0.98 * areas[chosen]
         files.append(_warped(info, reference, how="average" if finer else "bilinear"))
         how = "averaged" if finer else "resampled (bilinear)"
-        product = info.tags.get("", {}).get("product")
-        moved.setdefault((how, product or info.paths[0]), []).append(_called(info))
+        moved.setdefault((how, info.tags.get("", {}).get("product") or info.paths[0]), []).append(_called(info))
     notes = [
         f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} {how} to the grid of {_called(reference)}"
         for (how, _), names in moved.items()
@@ -64,14 +60,12 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
 
 def _called(info: RasterInfo) -> str:
     """Name of a file for use in notes; for a one-band file of a product, it is the name of the band."""
-    named = info.count == 1 and "product" in info.tags.get("", {})
-    return str(info.descriptions[0] if named else info.paths[0])
+    return str(info.descriptions[0] if info.count == 1 and "product" in info.tags.get("", {}) else info.paths[0])
 
 
 def _choose(infos: Sequence[RasterInfo], areas: Sequence[float], grid: str | int | None) -> int:
     if grid is None or grid == "finest":
-        least = min(areas)
-        return next(i for i, area in enumerate(areas) if area <= least * (1 + 1e-9))
+        return next(i for i, area in enumerate(areas) if area <= min(areas) * (1 + 1e-9))
     text = str(grid)
     if text.isdecimal() and 1 <= int(text) <= len(infos):
         return int(text) - 1

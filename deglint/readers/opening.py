@@ -121,8 +121,7 @@ def _stacked(
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = _with_given(_together(infos, reference), given)
-    stems = [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
-    found, known, told = bands_of(info, stems, preset)
+    found, known, told = bands_of(info, [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes], preset)
     if len(infos) > 1 or preset is not None or count:
         info = labelled(info, found)
     return Scene(
@@ -149,11 +148,10 @@ def _describe(path: str, sensor: str | None, nir: Wanted | None, notes: list[str
     info = describe_file(path)
     if info.alpha is None:
         return info
-    asked = [] if nir is None else split_wanted(nir)
     more = info.count + 1  # number of bands with the alpha band
     known = None if sensor is None else sensor_of(sensor)
     fits = known is not None and info.count not in known.counts and more in (len(known.bands), *known.counts)
-    if fits or count == more or str(info.alpha) in map(str, asked):
+    if fits or count == more or str(info.alpha) in map(str, [] if nir is None else split_wanted(nir)):
         return describe_file(path, alpha_is_band=True)
     what = "is alpha (0: not valid), not an image band; if it is one, name all bands: --bands"
     notes.append(f"{path}: band {info.alpha} {what}")
@@ -188,10 +186,8 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
     if len(infos) == 1:
         return infos[0]
     infos = [own_facts(info) for info in infos]
-    per_band = [
-        f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"
-    ]
-    joined: dict[str, Any] = {name: tuple(chain(*(getattr(info, name) for info in infos))) for name in per_band}
+    every = [f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"]
+    joined: dict[str, Any] = {name: tuple(chain(*(getattr(info, name) for info in infos))) for name in every}
     return replace(reference, **joined, alpha=None)
 
 
@@ -202,10 +198,9 @@ def _stem(info: RasterInfo) -> str:
 
 def _given(given: BandProperties) -> Given:
     """Parse and check the options of `open_scene` that override properties in the files (see `Given`)."""
-    waves = _numbers("wavelengths", given.get("wavelengths"), "475,560,668,842")
     return {
         "bands": _names(given.get("bands")),
-        "wavelengths": tuple(map(_nanometres, waves)),
+        "wavelengths": tuple(map(_nanometres, _numbers("wavelengths", given.get("wavelengths"), "475,560,668,842"))),
         "scale": _numbers("scale", given.get("scale"), "0.0001", zero=False),
         "offset": _numbers("offset", given.get("offset"), "-0.1"),
     }
@@ -269,7 +264,5 @@ def _nanometres(value: float) -> float:
     found = nanometres(value)
     if found is None or not SPECTRAL_RANGE[0] <= found <= SPECTRAL_RANGE[1]:
         low, high = SPECTRAL_RANGE
-        raise InputError(
-            f"--wavelengths: allowed is {low:g} to {high:g} nm (or 0.1 to {high / 1000:g} um), got {value:g}."
-        )
+        raise InputError(f"--wavelengths: allowed is {low:g} to {high:g} nm (0.1-{high / 1000:g} um), got {value:g}.")
     return found

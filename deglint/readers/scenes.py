@@ -92,9 +92,7 @@ def _fetched(path: str) -> Mapping[str, Any]:
             document = json.load(answer)
     except (OSError, ValueError, RecursionError) as error:
         why = getattr(error, "reason", None) or error
-        raise ReadError(
-            f"cannot read the STAC Item {path}: {why}. Check the address, or save the Item as a file."
-        ) from error
+        raise ReadError(f"cannot read the STAC Item {path}: {why}. Check the address, or save it as a file.") from error
     if not isinstance(document, Mapping):
         raise InputError(f"{path} is not a STAC Item: it holds no object.")
     return document
@@ -107,9 +105,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
     for i, item in enumerate(items, start=1):
         held = item.get("assets") if isinstance(item, Mapping) else None
         if not isinstance(held, Mapping) or not isinstance(item.get("id"), str):
-            raise InputError(
-                f"{path}: feature {i} is not a STAC Item: it lacks an id or assets. Name a raster or a STAC Item."
-            )
+            raise InputError(f"{path}: feature {i} is no STAC Item: it lacks id or assets. Name a raster or an Item.")
     return items
 
 
@@ -133,8 +129,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     found = []
     for key in keys or _chosen(assets, what):
         file = href(assets[key], path)
-        bands = [band for _, band in _said(assets[key], key, file, applied=applied)]
-        found.append(Asset(file, tuple(bands), tags))
+        found.append(Asset(file, tuple([band for _, band in _said(assets[key], key, file, applied=applied)]), tags))
     return found
 
 
@@ -156,8 +151,7 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
         return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(several) == 1:
         return several
-    data = [k for k in rasters if "data" in roles[k]]
-    keys = data or list(rasters) or list(assets)
+    keys = [k for k in rasters if "data" in roles[k]] or list(rasters) or list(assets)
     if len(keys) == 1:
         return keys
     raise InputError(
@@ -223,8 +217,7 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
 
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and
-        whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, or a
-        URL)
+        whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, URL)
     assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, the assets declared as
         bands are used; if there are none, the only raster with the role "data", or else the only raster
     """

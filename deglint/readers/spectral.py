@@ -226,8 +226,7 @@ def band_code(name: str) -> str | None:
 def plain_name(name: str) -> str:
     """The name of a band in lower case, without a prefix for its physical quantity: "b2" for "SR_B2"."""
     text = name.strip().lower()
-    rest = re.sub("^" + _NAME_PREFIX, "", text)
-    return rest or text
+    return re.sub("^" + _NAME_PREFIX, "", text) or text
 
 
 def example_names(count: int) -> str:

@@ -167,8 +167,7 @@ def _commonest(same: Sequence[Alike]) -> list[float]:
     counts: Counter[float] = Counter()
     for _tile, raw, alike in same:
         values, many = np.unique(raw[0][alike], return_counts=True)
-        best = np.argsort(many)[-4:]
-        counts.update({float(values[i]): int(many[i]) for i in best if math.isfinite(values[i])})
+        counts.update({float(values[i]): int(many[i]) for i in np.argsort(many)[-4:] if math.isfinite(values[i])})
     kinds = [v for v in counts if v <= 0], [v for v in counts if v > 0]
     return [max(values, key=counts.__getitem__) for values in kinds if values]
 
@@ -184,9 +183,8 @@ def _at_edge(scene: Scene, tile: Tile, mask: Mask) -> Mask:
 
 def _cut_sentinel2(scene: Scene, info: RasterInfo) -> bool:
     """Whether names, integer type and scale suggest bands of a Sentinel-2 product, and no offset is stated."""
-    known = {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     spectral = [sensors.normalise(b.name) for b in scene.bands if b.wavelength]  # no classes or masks
-    named = len(spectral) > 2 and set(spectral) <= known
+    named = len(spectral) > 2 and set(spectral) <= {sensors.normalise(b.name) for b in sensors.load("sentinel2").bands}
     scaled = all(s in (1.0, 1.0 / S2_QUANTIFICATION) for s in info.scales)
     return not info.offset_given and not any(info.offsets) and info.dtype.kind in "iu" and named and scaled
 

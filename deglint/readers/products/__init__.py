@@ -115,9 +115,8 @@ def files_of(path: str) -> tuple[str, ...]:
     product = find(path)
     if product is None:
         return (path,)
-    images = (band.path for band in product.bands)
     footprints = (band.footprint for band in product.bands if band.footprint)
-    return tuple(dict.fromkeys((*images, *footprints, *product.texts)))
+    return tuple(dict.fromkeys((*(band.path for band in product.bands), *footprints, *product.texts)))
 
 
 def _local(path: str) -> Path | None:

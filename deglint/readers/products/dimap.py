@@ -39,9 +39,7 @@ def find(container: Container) -> Product | None:
     member, root, tiles = container.only(found, "multispectral images", (container.gdal(m) for m, *_ in found))
     for tile in tiles:
         if container.beside(member, tile) is None:
-            raise InputError(
-                f"{member} names the image {tile[:80]!r}, which does not lie beside it. Get all its files."
-            )
+            raise InputError(f"{member} names the image {tile[:80]!r}, which does not lie beside it. Get all files.")
     return _product(container, member, root)
 
 
@@ -113,8 +111,7 @@ def _order(root: ET.Element) -> tuple[list[str], list[str]]:
         return [band for _, _, band in sorted(placed)], []
     named = dict.fromkeys(said(n, "BAND_ID") for k in ("Band_Radiance", "Band_Spectral_Range") for n in root.iter(k))
     every = [e for e in named if e and (e != "P" or count == 1)]
-    shown = [said(root, f".//Band_Display_Order/{channel}") for channel in _SHOWN]
-    first = [s for s in shown if s in every]
+    first = [s for s in [said(root, f".//Band_Display_Order/{channel}") for channel in _SHOWN] if s in every]
     ids = first + [e for e in every if e not in first]
     if len(ids) != count:
         raise InputError(

@@ -141,10 +141,8 @@ def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[st
 
 
 def _kind(facts: Facts) -> str:
-    rig = one(facts, "RigName") or one(facts, "Model")
-    micasense = "RadiometricCalibration" in facts or "RigName" in facts
-    maker = "MicaSense" if micasense else "DJI" if "BandFreq" in facts else ""
-    return f"{maker} {rig}".strip() or "drone camera"
+    maker = "MicaSense" if {"RadiometricCalibration", "RigName"} & {*facts} else "DJI" if "BandFreq" in facts else ""
+    return f"{maker} {one(facts, 'RigName') or one(facts, 'Model')}".strip() or "drone camera"
 
 
 def _sensor(facts: Facts) -> str | None:
@@ -226,7 +224,6 @@ def _black_level(path: str) -> float | None:
             box = open_archive(archive[1])
             file = BytesIO(box.read(box.beside("", archive[2]) or archive[2]))
         with quiet(), TiffImageFile(file) as image:
-            values = np.atleast_1d(image.tag_v2[_BLACK_LEVEL]).astype(np.float64)
+            return float(np.atleast_1d(image.tag_v2[_BLACK_LEVEL]).astype(np.float64).mean())
     except (ReadError, OSError, ValueError, TypeError, KeyError, SyntaxError):
         return None
-    return float(values.mean())

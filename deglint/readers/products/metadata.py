@@ -64,8 +64,7 @@ class Container:
 
     def matches(self, pattern: str) -> list[tuple[str, re.Match[str]]]:
         """Members whose file name matches a regular expression, and the matches; case is ignored."""
-        fits = re.compile(pattern, re.IGNORECASE)
-        return [(n, match) for n in self.names if (match := fits.fullmatch(last(n)))]
+        return [(n, match) for n in self.names if (match := re.fullmatch(pattern, last(n), re.IGNORECASE))]
 
     def find(self, pattern: str) -> list[str]:
         """Members whose file name matches a regular expression; case is ignored."""
@@ -196,8 +195,7 @@ def groups_of(text: str) -> dict[str, dict[str, str]]:
 
 def said(node: ET.Element | None, *paths: str) -> str:
     """Text of the first non-empty element that is found at `paths` below a node; "" if there is none."""
-    found = [] if node is None else [(node.findtext(path) or "").strip() for path in paths]
-    return next(filter(None, found), "")
+    return next(filter(None, [] if node is None else [(node.findtext(path) or "").strip() for path in paths]), "")
 
 
 def said_number(node: ET.Element | None, *paths: str) -> float | None:

@@ -39,9 +39,8 @@ def find(container: Container) -> Product | None:
     root.extend(container.tree(n) for n in container.find(METADATA) if last(n).startswith(match["scene"]))
     surface, nodes = match["surface"] is not None, root.iter("bandSpecificMetadata")
     factors = {int(place): node for node in nodes if (place := said(node, "bandNumber")).isdecimal()}
-    eight = "_8b" in match["rest"].lower() or len(factors) == 8
     instrument = said(root, ".//Instrument/shortName", ".//instrument")
-    bands, sensor = _bands(container.gdal(image), eight, instrument)
+    bands, sensor = _bands(container.gdal(image), "_8b" in match["rest"].lower() or len(factors) == 8, instrument)
     scales, unit = ([SURFACE_SCALE] * len(bands), "reflectance") if surface else _scales(factors, len(bands))
     if unit:
         bands = [replace(b, scale=s, unit=unit) for b, s in zip(bands, scales, strict=True)]
@@ -66,8 +65,7 @@ def find(container: Container) -> Product | None:
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
     """Factors from file values of `count` bands to reflectance (else radiance), and its unit; [], "" if missing."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
-        scales = [positive(said(factors.get(i), name)) for i in range(1, count + 1)]
-        known = [s for s in scales if s is not None]
+        known = [s for i in range(1, count + 1) if (s := positive(said(factors.get(i), name)))]
         if len(known) == count:
             return known, unit
     return [], ""

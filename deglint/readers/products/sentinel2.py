@@ -103,9 +103,7 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
         for tag in ("RADIO_ADD_OFFSET", "BOA_ADD_OFFSET")
         for node in values.iter(tag)
     }
-    special = {
-        said(v, "SPECIAL_VALUE_TEXT"): said_number(v, "SPECIAL_VALUE_INDEX") for v in values.iter("Special_Values")
-    }
+    mark = {said(v, "SPECIAL_VALUE_TEXT"): said_number(v, "SPECIAL_VALUE_INDEX") for v in values.iter("Special_Values")}
     spectral = {  # a band "B1" in the metadata is "B01" in file names
         re.sub(r"^B(\d)$", r"B0\1", s.get("physicalBand") or ""): s for s in values.iter("Spectral_Information")
     }
@@ -125,8 +123,8 @@ def _bands(container: Container, root: ET.Element | None, files: dict[str, str])
                 scale=1 / quantum if known else 1.0,
                 offset=offsets.get(place, 0.0) / quantum if known else 0.0,
                 unit="reflectance" if known else None,
-                nodata=special.get("NODATA", 0.0),
-                saturation=special.get("SATURATED", FULL),
+                nodata=mark.get("NODATA", 0.0),
+                saturation=mark.get("SATURATED", FULL),
                 footprint=next(map(container.gdal, footprints), None),
             )
         )
