@@ -176,9 +176,10 @@ def test_thresholds_beyond_float32_warn_of_nothing():
     assert Tail.of(scores).above(1e99) == 0
 
 
-def test_numbers_beyond_float32_are_not_compensated():
+@pytest.mark.parametrize(("number", "said"), [(1e200, r"1e\+200"), (2e15, r"2e\+15"), (-2e15, r"2e\+15")])
+def test_numbers_whose_squares_exceed_float32_are_not_compensated(number, said):
     from deglint.compensate.state import State
     from deglint.errors import InputError
 
-    with pytest.raises(InputError, match=r"reach 1e\+200.*float32"):
-        State.of(np.full((1, 3, 3), 1e200))
+    with pytest.raises(InputError, match=f"reach {said}.*float32"):
+        State.of(np.full((1, 3, 3), number))

@@ -18,6 +18,7 @@ from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
 LEAST_DELAY = 0.01  # least time between the first and the last band, in which ripples change [s]
+LARGEST = 1e15  # sums of the squares of larger numbers exceed float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +44,16 @@ class State:
     def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
         Pixels not finite in a band, or outside the mask `water` (row, column; None: all is water), get the values of
-        the nearest water pixel. Raises InputError if values exceed the range of float32.
+        the nearest water pixel. Raises InputError if values of water exceed `LARGEST`.
         """
         valid = np.isfinite(block).all(axis=0)
         water = valid if water is None else water & valid
         with np.errstate(over="ignore"):
             image = filled(np.asarray(block, np.float32), water)
-        if np.isinf(image).any():
+        if np.abs(image).max(initial=0) > LARGEST:
             raise InputError(
-                f"numbers reach {np.nanmax(np.abs(block)):.3g}, and compensation computes in float32, up to 3.4e+38. "
-                "Bring them to other units, mark what is not valid as nodata, or compensate off."
+                f"numbers reach {np.abs(block[:, water]).max():.3g}; compensation and --stderr square them in float32, "
+                "up to 1e+15. Bring them to other units, mark what is not valid as nodata, or leave both out."
             )
         return cls(image, image, water, origin=origin)
 
