@@ -204,12 +204,11 @@ Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
     """Moments of finite pixels of a cell (variable, row, column) where `inside` (row, column; None: all) is True."""
-    x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     if inside is None or inside.all():
-        one = _one_pass(x)
+        one = _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))
         if one is not None:
             return one
-        x = np.array(pixels, np.float64).reshape(len(pixels), -1)
+    x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     valid = np.isfinite(x).all(axis=0)
     return _two_passes(x[:, valid if inside is None else valid & inside.ravel()])
 

@@ -78,6 +78,7 @@ THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 NEVER_AFTER = {
     ("normalise", "remove"): "normalise prepares stages before the removal: name it at the beginning, or leave it out.",
     ("normalise", "targets"): "targets are found in the values as read: leave out normalise.",
+    ("remove", "remove"): "a chain removes once; name other stages before and after it.",
     ("replace-bands", "remove"): "replace-bands needs normalised bands, and remove ends that: name remove after it.",
     ("targets", "remove"): "targets are found before the removal: name remove after it.",
     ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
@@ -109,9 +110,7 @@ class Chain:
     @property
     def replaces(self) -> bool:
         """Whether a stage may replace pixels also in bands that the removal does not correct."""
-        return any(
-            s.name.startswith("replace") or s.name in ("median", "psf-image") for s in (*self.before, *self.after)
-        )
+        return any(s.name.startswith(("replace", "median", "psf-image")) for s in (*self.before, *self.after))
 
     @property
     def halo(self) -> int:
@@ -138,8 +137,6 @@ def parse(text: str) -> tuple[Step, ...]:
             raise InputError(f"stage {name!r} is not one of {', '.join(STAGES)}.")
         steps.append(Step(name, _number(name, number) if colon else None))
     names = [step.name for step in steps]
-    if names.count("remove") > 1:
-        raise InputError("a chain removes once; name other stages before and after it.")
     _check(names)
     return tuple(steps) if "remove" in names else (*steps, Step("remove"))
 
@@ -165,8 +162,7 @@ def _check(names: Sequence[str]) -> None:
     """Raise InputError if a stage lacks what it needs before or after it, or cannot follow another (`NEVER_AFTER`)."""
     ready: set[str] = set()
     for place, name in enumerate(names):
-        before, after = names[:place], names[place + 1 :]
-        after = after[: after.index("remove")] if "remove" in after else after
+        before, after = names[:place], names[place + 1 : [*names, "remove"].index("remove", place + 1)]
         for other in before:
             if (name, other) in NEVER_AFTER:
                 raise InputError(NEVER_AFTER[name, other])

@@ -101,10 +101,9 @@ class Targets:
             return state
         excess = Excess.of(self, state.raw, state.background)
         places, found = excess.restored(*excess.scores())
-        targets, image = np.zeros(state.raw.shape, np.float32), state.image
-        if places.size:
-            targets.reshape(len(targets), -1)[np.array(self.bands)[:, None], places] = found
-            image = image if state.background is not None else image - targets
+        targets = np.zeros(state.raw.shape, np.float32)
+        targets.reshape(len(targets), -1)[np.array(self.bands)[:, None], places] = found
+        image = state.image - targets if state.background is None else state.image
         return replace(state, targets=targets, image=image)
 
     @property
@@ -378,8 +377,7 @@ def steady(q: Places, stage: Targets) -> Mask:
     """Mask (step, pixel); a step leads from one band to the next in time. True where in this and all earlier steps the
     second band is lit (`Targets.lit`), and the histogram bins of both, in `q` (band, pixel), differ by at most 1.
     """
-    like = [(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)]
-    return np.logical_and.accumulate(like)
+    return np.logical_and.accumulate([(np.abs(b - a) <= 1) & (b > stage.lit) for a, b in pairwise(q)])
 
 
 def extrapolated(runs: Float64) -> float:

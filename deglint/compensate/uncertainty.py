@@ -89,8 +89,7 @@ def _trial(done: State) -> State:
     glint = np.maximum(done.raw - done.image, 0)
     if done.replaced is not None:
         glint = np.where(done.replaced, glint, 0)
-    half = done.raw.shape[1] // 2, done.raw.shape[2] // 2
-    known = done.image + np.roll(glint, half, (1, 2))
+    known = done.image + np.roll(glint, (glint.shape[1] // 2, glint.shape[2] // 2), (1, 2))
     return State(known, known, done.water)
 
 

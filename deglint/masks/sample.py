@@ -164,10 +164,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
     """Weighted sum (row, column) of the visible bands of a block; `weights` are in the order of `roles.visible`."""
-    total = np.zeros(block.shape[1:])
-    for band, weight in zip(roles.visible, weights, strict=True):
-        total += block[band] * np.float64(weight)
-    return total
+    return np.sum([block[i] * np.float64(w) for i, w in zip(roles.visible, weights, strict=True)], axis=0)
 
 
 def _spread(values: FloatArray) -> tuple[float, float]:
@@ -257,8 +254,7 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
         residual=float(np.median(local.residual)),
         variance=max(float(np.median(local.variance)), 1.0),
     )
-    variance = local.variance[_even(local, sample)]
-    least = float(np.quantile(variance, 1.0 - share, method="lower"))
+    least = float(np.quantile(local.variance[_even(local, sample)], 1.0 - share, method="lower"))
     return replace(sample, least_variance=max(least, 1e-6))
 
 

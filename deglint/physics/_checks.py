@@ -27,8 +27,7 @@ def within(name: str, value: npt.ArrayLike, low: float, high: float, unit: str, 
         raise InputError(f"{name} must be numbers in {low:g} to {high:g}{unit}, got {value!r}. {remedy}") from None
     bad = (array < low) | (array > high)
     if np.any(bad):
-        worst = float(array[bad].flat[0]) if array.ndim else float(array)
-        raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {worst:g}. {remedy}")
+        raise InputError(f"{name} must be {low:g} to {high:g}{unit}, got {array[bad].flat[0]:g}. {remedy}")
     return array
 
 
@@ -86,9 +85,8 @@ def coordinates(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> tuple[Arra
     Raises InputError if a latitude is outside -90 to 90 degrees, or a longitude outside -180 to 360 degrees.
     """
     remedy = "North is positive. Are latitude and longitude swapped?"
-    return within("latitude", latitude, -90.0, 90.0, "degrees", remedy), within(
-        "longitude", longitude, -180.0, 360.0, "degrees", "East is positive."
-    )
+    north = within("latitude", latitude, -90.0, 90.0, "degrees", remedy)
+    return north, within("longitude", longitude, -180.0, 360.0, "degrees", "East is positive.")
 
 
 def day_number(day: npt.ArrayLike) -> Array:

@@ -120,8 +120,7 @@ def irradiance(
     air = replace(air or Air(), **params)
     wavelength = checked_wavelength(wavelength)
     spectrum = spectrum or table_spectrum(wavelength)
-    cosine = _cosine(sun_zenith)
-    incoming = spectrum.irradiance * cosine * (1.0 if day is None else sun.distance_factor(day))
+    incoming = spectrum.irradiance * _cosine(sun_zenith) * (1.0 if day is None else sun.distance_factor(day))
     incoming = incoming * _gases(spectrum, sun_zenith, air)
     aerosol = navy_aerosol(air)
     depth = aerosol.turbidity * (wavelength / 1000.0) ** -aerosol.exponent * air_mass(sun_zenith)
@@ -155,8 +154,7 @@ def navy_aerosol(air: Air) -> Aerosol:
     growth = ((2.0 - humidity) / (6.0 * (1.0 - humidity))) ** (1.0 / 3.0)
     small, middle = 2000.0 * air.air_mass_type**2, max(5.866 * (air.wind_mean - 2.2), 0.5)
     amounts = np.array([small, middle, max(0.01527 * (air.wind - 2.2) * 0.05, 1.4e-5)])
-    modes = np.exp(-(np.log(_RADII[:, None] / (growth * _MODES)) ** 2))
-    logs = np.log10(modes @ amounts / growth)
+    logs = np.log10(np.exp(-(np.log(_RADII[:, None] / (growth * _MODES)) ** 2)) @ amounts / growth)
     exponent = -((logs[2] - logs[0]) / 2.0 + 3.0)
     turbidity = 3.91 / air.visibility * _SCALE_HEIGHT * 0.55**exponent
     asymmetry = 0.82 - 0.1417 * exponent if 0.0 <= exponent <= 1.2 else 0.65 if exponent > 1.2 else 0.82
@@ -174,8 +172,7 @@ def air_mass(sun_zenith: npt.ArrayLike) -> Array:
     >>> float(air_mass(60.0).round(4))
     1.9943
     """
-    cosine = _cosine(sun_zenith)
-    return 1.0 / (cosine + 0.50572 * (96.07995 - np.asarray(sun_zenith, dtype=np.float64)) ** -1.6364)
+    return 1.0 / (_cosine(sun_zenith) + 0.50572 * (96.07995 - np.asarray(sun_zenith, dtype=np.float64)) ** -1.6364)
 
 
 def forward_share(sun_zenith: npt.ArrayLike, asymmetry: float) -> Array:
@@ -211,8 +208,7 @@ def _gases(spectrum: Spectrum, sun_zenith: npt.ArrayLike, air: Air) -> Array:
     ozone_path = (1.0 + 22.0 / 6370.0) / np.sqrt(cosine**2 + 44.0 / 6370.0)
     oxygen = spectrum.oxygen * path * air.pressure / STANDARD_PRESSURE
     vapour = spectrum.water_vapour * air.water_vapour * path
-    depth = spectrum.ozone * air.ozone / 1000.0 * ozone_path
-    depth = depth + 1.41 * oxygen / (1.0 + 118.3 * oxygen) ** 0.45
+    depth = spectrum.ozone * air.ozone / 1000.0 * ozone_path + 1.41 * oxygen / (1.0 + 118.3 * oxygen) ** 0.45
     return np.exp(-(depth + 0.2385 * vapour / (1.0 + 20.07 * vapour) ** 0.45))
 
 
