@@ -64,12 +64,9 @@ def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
 
 
 def glint(
-    block: FloatArray,
-    model: GlintModel,
-    water: Mask,
-    origin: tuple[int, int] = (0, 0),
+    block: FloatArray, model: GlintModel, water: Mask, origin: tuple[int, int] = (0, 0),
     crop: tuple[int, int, int, int] = (0, 0, 0, 0),
-) -> tuple[dict[int, FloatArray], Mask | None]:
+) -> tuple[dict[int, FloatArray], Mask | None]:  # fmt: skip
     """Predict the glint in each band that a kernel model corrects.
 
     block : (band, row, column), physical values, NaN where not valid; a tile needs a halo of `model.halo` pixels

@@ -97,13 +97,9 @@ class SampleStatistics:
 
 
 def gather(
-    block: FloatArray,
-    mask: Mask,
-    plan: SamplePlan,
-    *,
-    origin: tuple[int, int] = (0, 0),
+    block: FloatArray, mask: Mask, plan: SamplePlan, *, origin: tuple[int, int] = (0, 0),
     crop: tuple[int, int, int, int] = (0, 0, 0, 0),
-) -> SampleStatistics:
+) -> SampleStatistics:  # fmt: skip
     """Statistics of the sample's pixels in one tile.
 
     block : (band, row, column), values of the tile with its halo in the bands `plan.read_bands`, NaN where not valid

@@ -247,12 +247,9 @@ def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
 
 
 def _model(
-    request: FitRequest,
-    fitted: Sequence[Sequence[KernelFit]],
-    strips: Strips | None,
-    rules: dict[int, ReferenceRule],
+    request: FitRequest, fitted: Sequence[Sequence[KernelFit]], strips: Strips | None, rules: dict[int, ReferenceRule],
     shared: tuple[Float64, Float64, Float64],
-) -> GlintModel:
+) -> GlintModel:  # fmt: skip
     """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses.
 
     shared : weights and new responses of the bands, as `shared_glint` returns them, and the covariance of responses

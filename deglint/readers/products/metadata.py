@@ -216,14 +216,9 @@ NADIR = 0.5  # incidence angle up to which a missing view azimuth is set to 0 [d
 
 
 def angle_tags(
-    *,
-    sun_elevation: Any = None,
-    sun_azimuth: Any = None,
-    incidence: float | None = None,
-    off_nadir: float | None = None,
-    view_azimuth: float | None = None,
-    altitude: float = ORBIT,
-) -> dict[str, Any]:
+    *, sun_elevation: Any = None, sun_azimuth: Any = None, incidence: float | None = None,
+    off_nadir: float | None = None, view_azimuth: float | None = None, altitude: float = ORBIT,
+) -> dict[str, Any]:  # fmt: skip
     """Tags with the directions to sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
 
     The elevation of the sensor is 90 - incidence. `off_nadir` is the angle from nadir, measured at the sensor, which is
