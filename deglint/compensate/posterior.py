@@ -94,7 +94,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     middles = (limits[1:] + limits[:-1]) / 2
     variance = np.maximum(spreads**2 - calm**2, 0.0)
     ratio = float(np.interp(np.quantile(taken, STRONG_QUANTILE), middles, spreads)) / calm
-    sigma = max(sigma, float(np.sqrt(variance.max() / UNKNOWN)))  # whole numbers may hide noise
+    sigma = max(sigma, float(np.sqrt(variance.max() / UNKNOWN)))  # integers may hide noise
     return LeftOver(band, sigma, tuple(map(float, middles)), tuple(map(float, variance)), ratio)
 
 

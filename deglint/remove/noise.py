@@ -10,7 +10,7 @@ from .detrend import detrend
 
 FAINT = 10.0
 """Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
-HIDDEN_NOISE = 0.01  # noise that whole numbers hide, relative to the strongest glint
+HIDDEN_NOISE = 0.01  # noise that rounding to integers hides, relative to the strongest glint
 
 
 def spread(values: FloatArray) -> float:

@@ -125,7 +125,8 @@ class Setup(Checked):
                 f" got {len(self.misregistration)}; give (0, 0) for bands that are in place"
             )
         most = max(self.size)
-        check_number("misregistration", self.misregistration, -most, most, "pixels", "Give (down, right) per band.")
+        for shift in (s for band in self.misregistration for s in band):
+            check_number("misregistration", shift, -most, most, "pixels", "Give (down, right) per band.")
         for target in self.objects:
             target.check_inside(height, width)
         count = self.fine_grid[0] * self.fine_grid[1]
