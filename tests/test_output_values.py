@@ -224,6 +224,8 @@ def test_a_copied_number_moves_off_nodata_when_it_is_rounded_or_clipped(sea, wri
     [
         ("uint8", np.array([-1.0, 0.5, 1.5, 255.4, 256, np.nan, np.inf]), [0, 0, 2, 255, 255, 0, 255], 2),
         ("int16", np.array([0, 32767, 32768, 65535], np.uint16), [0, 32767, 32767, 32767], 2),
+        ("int32", np.array([5e9, -5e9, 7.4], np.float32), [2147483647, -2147483648, 7], 2),
+        ("uint32", np.array([5e9, -1.0, 7.4], np.float32), [4294967295, 0, 7], 2),
         ("float32", np.array([1e300, 1.5]), [np.inf, 1.5], 0),
     ],
 )
@@ -271,6 +273,25 @@ def test_a_band_without_nodata_keeps_the_number_that_is_nodata_in_another(sea, w
     assert (out[3, 50:60] != 0).all()
     np.testing.assert_allclose(out[3, 50:60], 0, atol=1)
     assert (out[:, :10] == 0).all()
+
+
+def test_nodata_that_float32_rounds_is_found_beside_bands_of_float64(sea, write, read, tmp_path):
+    raw = sea(dtype="float64")
+    raw[:, 5] = -9999.9
+    paths = [write(tmp_path / "a.tif", raw[:3].astype(np.float32)), write(tmp_path / "b.tif", raw[3:], names=["nir"])]
+    scene = library.open_scene(paths, nodata=-9999.9)
+    np.testing.assert_array_equal(np.isnan(scene.read()), raw < 0)
+    remove_glint(paths, tmp_path / "out.tif", HEDLEY, nodata=-9999.9)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        np.testing.assert_array_equal(dataset.read() == dataset.nodata, raw < 0)
+
+
+def test_nodata_beyond_float32_becomes_nan_without_a_warning(sea, write, tmp_path, recwarn):
+    source = write(tmp_path / "in.tif", sea(dtype="float64"), nodata=-1e300)
+    remove_glint(source, tmp_path / "out.tif", HEDLEY, dtype="float32")
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert np.isnan(dataset.nodata)
+    assert not [w for w in recwarn if "overflow" in str(w.message)]
 
 
 @pytest.mark.parametrize("bands", [1, 3])

@@ -130,7 +130,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
     nodata = next((n for n in info.nodatas if n is not None), None)
     masked = any(f.masked or f.alpha is not None for f in source.files)
     if out.kind == "f":
-        if nodata is not None and np.isfinite(nodata) and abs(nodata) > np.finfo(out).max:
+        if nodata is not None and np.isfinite(nodata) and abs(nodata) > float(np.finfo(out).max):
             nodata = float("nan")
     elif nodata is None or not holds(out, nodata):
         masked = masked or nodata is not None or info.dtype.kind == "f"

@@ -107,7 +107,7 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
             return raw.astype(dtype), None
     low, high = _range(dtype)
-    numbers = np.rint(raw) if raw.dtype.kind == "f" else raw
+    numbers = np.rint(raw, dtype=np.float64) if raw.dtype.kind == "f" else raw  # float32 rounds the limits up
     clipped = ((numbers < low) | (numbers > high)) & np.isfinite(numbers)
     return np.clip(np.nan_to_num(numbers, nan=0), low, high).astype(dtype), clipped
 

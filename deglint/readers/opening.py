@@ -168,9 +168,11 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
             if given is not None and not holds(dtype, given):
                 low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
                 raise InputError(f"nodata: allowed is an integer {low} to {high} for {dtype}, got {given:g}")
-        return replace(info, nodatas=(given,) * info.count, nodata_given=True)
+        info = replace(info, nodatas=(given,) * info.count, nodata_given=True)
     kept = list(info.nodatas)
     for i, (declared, dtype) in enumerate(zip(info.nodatas, info.dtypes, strict=True)):
+        if declared is not None and dtype == "float32" and abs(declared) <= float(np.finfo(dtype).max):
+            kept[i] = float(np.float32(declared))  # the number in the file, also beside bands of float64
         if declared is not None and not holds(dtype, declared):
             notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i + 1} is ignored: {dtype} cannot hold it")
             kept[i] = None
