@@ -168,6 +168,24 @@ def test_options_that_gdal_refuses_are_an_error_in_one_line(deglint, sea, write,
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif"]
 
 
+@pytest.mark.parametrize(
+    "option", ["NODATA=0", "count=2", "TRANSFORM=1", "SHARING=1", "MODE=r", "PROFILE=BASELINE", "TFW=YES"]
+)
+def test_options_that_change_what_pixels_mean_or_leave_files_are_refused(deglint, sea, write, tmp_path, option):
+    ran = deglint("remove", write(tmp_path / "in.tif", sea()), tmp_path / "out.tif", *RUN, "--co", option)
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert f"{option.partition('=')[0]} is not for --co. Leave it out." in ran.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif"]
+
+
+def test_a_sparse_file_may_lack_its_empty_blocks(deglint, sea, write, read, tmp_path):
+    raw = sea(80, 130)
+    raw[:, :, 64:] = 0
+    source = write(tmp_path / "in.tif", raw, nodata=0, tiled=True, blockxsize=64, blockysize=64)
+    assert deglint("remove", source, tmp_path / "out.tif", *RUN, "--co", "SPARSE_OK=TRUE").code == 0
+    np.testing.assert_array_equal(read(tmp_path / "out.tif") == 0, raw == 0)
+
+
 def test_the_amount_is_before_less_after(sea, write, read, tmp_path):
     raw = sea(dtype="float32")
     raw[0, 3, 3] = np.nan

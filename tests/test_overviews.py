@@ -7,7 +7,7 @@ import pytest
 import rasterio
 from rio_cogeo import cog_validate
 
-from deglint import open_scene
+from deglint import Recipe, open_scene, remove_glint
 from deglint.pipeline.flags import GLINT_CLASSES
 from deglint.pipeline.overview import raster_of
 from deglint.raster.environment import environment
@@ -82,6 +82,16 @@ def test_overviews_can_be_left_out_and_small_images_have_none(info, tmp_path):
     with rasterio.open(write(tmp_path, np.ones((1, *SIZE), np.uint16), layout)) as dataset:
         assert dataset.overviews(1) == []
     assert (levels(1023, 1), levels(1024, 1), levels(5, 5000)) == ([], [2], [2, 4, 8, 16])
+
+
+@pytest.mark.parametrize("dtype", ["int64", "uint64"])
+def test_integers_of_64_bits_with_nodata_get_all_overviews(sea, write, tmp_path, dtype):
+    raw = sea(48, 1100).astype(dtype)
+    raw[:, :5, :9] = 7
+    recipe = Recipe(method="hedley", sample="all", mask="none")
+    remove_glint(write(tmp_path / "in.tif", raw, nodata=7), tmp_path / "out.tif", recipe)
+    with rasterio.open(tmp_path / "out.tif") as dataset:
+        assert (dataset.dtypes[0], dataset.overviews(1)) == (dtype, [2, 4])
 
 
 @pytest.mark.parametrize("program", ["deglint", "rxdetect"])

@@ -38,6 +38,8 @@ _FLAG_COLOURS = (
 (Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
+_REFUSED = (*_OF_CONTENT, "mode", "sharing", "profile", "tfw", "rpb", "rpctxt")
+"""Options that would change what the pixels mean, leave metadata out of the file, or write other files beside it."""
 _UNPACKED = (*_OF_CONTENT, "interleave", "tiled", "blockxsize", "blockysize", "bigtiff")
 """Profile entries with which a file with overviews is first written; `add_overviews` copies it with all options."""
 
@@ -153,12 +155,15 @@ class RasterWriter:
             self._dataset.close()
             if self.layout.overviews:
                 add_overviews(self.path, self._options, average=not self.layout.holds_flags)
-        _check_whole(self.path, self.target)
+        sparse = str(self._options.get("sparse_ok", "no")).lower() not in ("no", "false", "off", "0")
+        _check_whole(self.path, self.target, sparse=sparse)
 
 
 @contextlib.contextmanager
 def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
-    """Raise InputError at the end of the `with` block if GDAL warned that a creation option cannot be used."""
+    """Raise InputError if an option is in `_REFUSED`, or, at the end of the `with` block, if GDAL warned of one."""
+    if wrong := [name for name in options if name.lower() in _REFUSED]:
+        raise InputError(f"cannot write {target} with these options: {wrong[0]} is not for --co. Leave it out.")
     said: list[str] = []
 
     def listen(record: logging.LogRecord) -> bool:
@@ -177,8 +182,11 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
             raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co or [output] options.")
 
 
-def _check_whole(path: Path, target: Path) -> None:
-    """Raise WriteError for `target` if one of 4 blocks per band of its scratch file `path` is missing or cut off."""
+def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
+    """Raise WriteError for `target` if one of 4 blocks per band of its scratch file `path` is missing or cut off.
+
+    If `sparse`, GDAL leaves out empty blocks, so that none is missing.
+    """
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
@@ -188,7 +196,7 @@ def _check_whole(path: Path, target: Path) -> None:
             for x, y in ((0, 0), (across - 1, 0), (across - 1, down - 1), (across // 2, down // 2)):
                 start = dataset.get_tag_item(f"BLOCK_OFFSET_{x}_{y}", "TIFF", bidx=band)
                 length = dataset.get_tag_item(f"BLOCK_SIZE_{x}_{y}", "TIFF", bidx=band)
-                if start is None or int(start) + int(length or 0) > size:
+                if not sparse if start is None else int(start) + int(length or 0) > size:
                     raise OSError(DISK_FULL)
 
 
@@ -240,8 +248,11 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
     ordered = path.with_name(f"{path.name}.ordered")
     try:
         with rasterio.Env(GDAL_NUM_THREADS="ALL_CPUS"):
-            with rasterio.open(path, "r+") as dataset:
-                dataset.build_overviews(levels(*dataset.shape), Resampling.average if average else Resampling.nearest)
+            with rasterio.open(path) as dataset:
+                factors, whole = levels(*dataset.shape), "int64" in dataset.dtypes[0]
+            for some in [[k] for k in factors] if whole else [factors]:  # GDAL may hang at several levels of int64
+                with rasterio.open(path, "r+") as dataset:
+                    dataset.build_overviews(some, Resampling.average if average else Resampling.nearest)
             copy(path, ordered, driver="GTiff", copy_src_overviews=True, **options)
         ordered.replace(path)
     finally:
