@@ -213,6 +213,14 @@ def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):
     assert fitted.choice.best.method != "copy", fitted.choice.lines()
 
 
+@pytest.mark.parametrize("sample", ["130,130,60,60", "0,130,60,60", "130,0,60,60"])
+def test_candidates_are_tried_on_a_sample_at_the_end_of_a_tile(sea, write, tmp_path, sample):
+    path = write(tmp_path / "sea.tif", sea(192, 192))
+    choice = fit_scene(open_scene(path), Recipe(sample=sample, mask="none")).choice
+    assert choice is not None
+    assert choice.trials, choice.failed
+
+
 def test_nothing_is_tried_where_the_user_has_chosen(sea, write, tmp_path):
     scene = open_scene(write(tmp_path / "sea.tif", sea()))
     assert fit_scene(scene, Recipe(method="hedley")).choice is None

@@ -225,8 +225,13 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """The first 128 rows and columns (`TRIED_SIDE`) of a training tile, with a halo of `TRIED_HALO` pixels."""
-    part = found.tile.split(TRIED_SIDE)[0]
+    """A square of `TRIED_SIDE` pixels of a training tile, with a halo of `TRIED_HALO` pixels: the first in a corner of
+    the tile, in row-major order, that has some of the sample.
+    """
+    tile, side = found.tile, TRIED_SIDE
+    rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
+    corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
+    part = next((p for p in corners if found.sample[p.within(tile)].any()), corners[0])
     outer = part.grown(TRIED_HALO, scene.height, scene.width)
     place = outer.within(found.outer)
     block, water = np.ascontiguousarray(found.block[place]), np.ascontiguousarray(found.water[place])
