@@ -202,7 +202,7 @@ class Mission(Checked):
     @property
     def channels(self) -> tuple[SensorBand, ...]:
         """The bands of the sensor that the plan uses."""
-        return tuple(self.sensor.band(name) for name in self.bands) or self.sensor.bands
+        return tuple(dict.fromkeys(self.sensor.band(name) for name in self.bands)) or self.sensor.bands
 
     @property
     def cautions(self) -> tuple[str, ...]:

@@ -121,8 +121,9 @@ class WindEnsemble:
         within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
-        speeds = np.unique([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind])
+        speeds = np.unique(np.round([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind], 9))
         turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
+        turns = turns[1:] if turn == 180.0 else turns  # both ends are one direction
         self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree]
         coarse = mission.coarse()
         self.middle = reticle(coarse)  # reticle under the wind of the mission
