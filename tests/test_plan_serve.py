@@ -8,10 +8,11 @@ import subprocess
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from deglint.errors import InputError
-from deglint.plan import Mission
+from deglint.plan import Mission, reticle
 from deglint.plan.serve import answer, make_server
 
 BAY = Mission(latitude=36.8, longitude=-122.0, time="2026-06-21T18:00Z", wind=7.0, wind_from=310.0, step=2.0)
@@ -105,6 +106,15 @@ def test_sliders_of_the_sun_where_it_is_given_by_angles():
     there = answer(base, {"sun_azimuth": "280", "sun_zenith": "30"})["pointer"]["contrast"]
     here = answer(base, {})["pointer"]["contrast"]
     assert there != here
+
+
+@pytest.mark.parametrize("step", [3.0, 7.0])
+def test_the_pointers_values_reach_from_end_to_end(step):
+    mission = Mission(sun_zenith=70.0, sun_azimuth=180.0, wind=15.0, step=step)
+    plan, found = reticle(mission), answer(mission, {})["pointer"]
+    for i, j in ((0, 0), (-1, 0), (0, -1), (-1, -1)):
+        assert found["contrast"][i][j] == round(plan.combined[i, j])
+        assert found["glint"][i][j] == pytest.approx(np.log10(plan.glint_probability[i, j]), abs=0.051)
 
 
 class Browser:
