@@ -326,6 +326,9 @@ def test_a_mission_survives_its_tables():
         ({"air": {"pressure": "30 parsec"}}, "pressure must be like 1013 hPa"),
         ({"air": {"humidity": 130}}, "humidity must be 0 to 100 %"),
         ({"object": {"depth": -3}}, "depth must be 0 to 1000 m, got -3"),
+        ({"sensor": {"quantum_efficiency": 0}}, "quantum_efficiency must be 0.001 to 1, got 0"),
+        ({"sensor": {"transmission": -0.5}}, "transmission must be 0.001 to 1, got -0.5"),
+        ({"models": {"slopes": ["cox-munk"]}}, "slopes must be one of cox-munk"),
     ],
 )
 def test_tables_that_cannot_be_read(tables, said):
@@ -353,6 +356,19 @@ def test_a_sensor_of_ones_own():
 )
 def test_pressure_in_its_units(text, value):
     assert pressure(text) == pytest.approx(value, abs=0.1)
+
+
+def test_a_band_named_twice_counts_once():
+    assert replace(BAY, bands=("GREEN", "blue", "green")).channels == replace(BAY, bands=("GREEN", "BLUE")).channels
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn", "speeds", "turns"), [(0.0, 180.0, 1, 6), (0.0, 30.0, 1, 7), (2.1, 0.0, 5, 1)]
+)
+def test_each_wind_of_an_interval_counts_once(speed, turn, speeds, turns):
+    found = WindEnsemble(replace(BAY, wind=2.2, step=10.0, bands=("GREEN",)), speed=speed, turn=turn)
+    assert tuple(len(set(np.round(w, 6))) for w in found.winds) == tuple(map(len, found.winds)) == (speeds, turns)
+    assert (BAY.wind_from in found.winds[1], 2.2 in found.winds[0]) == (True, True)
 
 
 def test_tables_over_tables():

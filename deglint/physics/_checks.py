@@ -96,5 +96,5 @@ def day_number(day: npt.ArrayLike) -> Array:
 
 def choice(name: str, value: Any, allowed: Any) -> None:
     """Raise InputError if `value` is not in `allowed`; `name` is the name of the parameter, for the message."""
-    if value not in allowed:
+    if value not in list(allowed):  # a dict would need a value with a hash
         raise InputError(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}. Choose one of these.")

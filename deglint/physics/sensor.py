@@ -57,8 +57,8 @@ class Sensor(Checked):
     pitch: float = ranged(MISSING, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
     smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
     jitter: float = 0.0  # standard deviation of the line of sight along each axis [pixel]
-    quantum_efficiency: float = 0.8  # electrons per photon
-    transmission: float = 0.8  # share of the light that the optics transmit [1]
+    quantum_efficiency: float = ranged(0.8, 1e-3, 1.0, "", "Give electrons per photon, such as 0.8.")
+    transmission: float = ranged(0.8, 1e-3, 1.0, "", "Give the share of light that the optics transmit, such as 0.8.")
     well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
     read_noise: float = 12.0  # standard deviation of the read noise [electrons]
     dark_current: float = 0.0  # dark current of a pixel [electrons/s]
