@@ -118,7 +118,7 @@ def check_unread(targets: Sequence[Path], reads: Reads) -> None:
     for target in targets:
         for path in (target, *_companions(target)):  # when an image is replaced, its old companions are deleted
             if found := held.get(identity(path)):
-                raise InputError(f"{path} {found}: it would be written over and lost. Give that output another name.")
+                raise InputError(f"{path} {found}: it would be written over, and would be lost. Give another name.")
         if (whose := beside.get(identity(target))) is not None:
             raise InputError(f"{target} would be read as a part of {whose}. Give that output another name.")
 
