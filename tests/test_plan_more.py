@@ -289,6 +289,13 @@ def test_the_picture_shows_what_the_plan_says():
     assert not (np.abs(good - ORANGE).sum(axis=1) < 60).any()
 
 
+def test_a_sensor_of_many_bands_fits_into_the_picture():
+    bands = tuple(replace(BAY.sensor.bands[0], name=f"B{i}", low=450 + 5 * i, high=455 + 5 * i) for i in range(40))
+    mission = replace(BAY, step=10.0, sensor=replace(BAY.sensor, bands=bands), bands=())
+    assert picture(reticle(mission)).shape == (HEIGHT, WIDTH, 3)
+    assert wind_picture(WindEnsemble(mission, speed=0.0, turn=0.0)).shape == (HEIGHT, WIDTH, 3)
+
+
 @pytest.mark.parametrize("band", [None, "blue", "NIR1"])
 def test_hatching_is_where_the_masks_are(band):
     plan = reticle(BAY)

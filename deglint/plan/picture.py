@@ -15,6 +15,7 @@ WIDTH, HEIGHT = 1240, 860  # size of the picture [pixel]
 DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of the disc [pixel]
 _LEFT = 860  # left edge of the text beside the disc [pixel]
 _COLUMN = WIDTH - _LEFT - 34  # width of the text [pixel]
+_MOST_ROWS = 12  # bands in the table; the legend needs the space below it
 _PALE_INK = (150, 155, 162)  # colour of bands that are not usable, and of lines in the disc
 _HOW = (
     "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."
@@ -207,13 +208,16 @@ def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry, y: float) -
         canvas.text((x, y), head, 13, GREY, anchor="ra")
     canvas.text((_LEFT, y), "From there", 13, GREY)
     y += 19
-    for k, band in enumerate(plan.mission.channels):
+    for k, band in enumerate(plan.mission.channels[:_MOST_ROWS]):
         colour = INK if plan.by_band[k, i, j] > 0 else _PALE_INK
         snr, weber, sky = plan.snr[k, i, j], plan.weber[k, i, j], plan.sky_probability[k, i, j]
         canvas.text((_LEFT, y), band.name[:9], 14, colour)
         cells = (f"{band.wavelength:.0f}", f"{snr:.1f}", f"{weber:+.2f}", f"{100 * sky:.0f} %")
         for x, cell in zip(edges, cells, strict=True):
             canvas.text((x, y), cell, 14, colour, anchor="ra")
+        y += 19
+    if left := plan.mission.channels[_MOST_ROWS:]:
+        canvas.text((_LEFT, y), f"and {len(left)} more", 14, GREY)
         y += 19
     return y + 14
 
