@@ -39,7 +39,10 @@ def write_scene(
     base = _base(stem)
     layers = layers_of(scene)
     if truth is not True:
-        layers = {part: layer for part, layer in layers.items() if part in ("", *(truth or ()))}
+        wanted = {"", *([truth] if isinstance(truth, str) else truth or ())}
+        if unknown := ", ".join(sorted(wanted - set(layers))):
+            raise InputError(f"the scene has no truth {unknown}; choose from {', '.join(filter(None, layers))}.")
+        layers = {part: layer for part, layer in layers.items() if part in wanted}
     targets = {part: base.with_name(f"{base.name}{part}.tif") for part in layers}
     sidecar = base.with_name(f"{base.name}.json")
     check_targets([*targets.values(), sidecar], overwrite=overwrite)
