@@ -88,16 +88,12 @@ def test_a_truncated_envi_file(refused, sea, write, tmp_path):
     assert "truncated or damaged" in refused(path, *RUN)
 
 
-@pytest.mark.parametrize("kind", ["compressed ENVI", "EHdr of 1 bit"])
-def test_a_packed_file_is_not_called_truncated(sea, write, tmp_path, kind):
-    if kind == "compressed ENVI":
-        path = Path(write(tmp_path / "in.img", sea(), driver="ENVI"))
-        path.write_bytes(gzip.compress(path.read_bytes()))
-        header = path.with_suffix(".hdr")
-        header.write_text(header.read_text().rstrip() + "\nfile compression = 1\n")
-    else:
-        path = Path(write(tmp_path / "in.bil", sea()[:1] % 2, driver="EHdr", dtype="uint8", nbits=1))
-    assert library.open_scene(path).read().max() > 0
+def test_a_compressed_envi_file_is_not_called_truncated(sea, write, tmp_path):
+    path = Path(write(tmp_path / "in.img", sea(), driver="ENVI"))
+    path.write_bytes(gzip.compress(path.read_bytes()))
+    header = path.with_suffix(".hdr")
+    header.write_text(header.read_text().rstrip() + "\nfile compression = 1\n")
+    np.testing.assert_array_equal(library.open_scene(path).read(), sea())
 
 
 def test_damage_in_the_middle_of_a_compressed_file(refused, sea, write, tmp_path):

@@ -225,9 +225,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """A square of `TRIED_SIDE` pixels of a training tile, with a halo of `TRIED_HALO` pixels: the first in a corner of
-    the tile, in row-major order, that has some of the sample.
-    """
+    """First square (side `TRIED_SIDE`, halo `TRIED_HALO`) at a corner of a training tile that has some sample."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
@@ -319,14 +317,9 @@ def _reached(
     worst = max(errors.values(), default=0.0)
     met = cells >= LEAST_CELLS and worst <= tolerance
     numbers = {
-        "wanted": tolerance,
-        "met": met,
-        "relative_standard_error": errors,
-        "effective_cells": cells,
-        "least_effective_cells": LEAST_CELLS,
-        "pixels_read": taken,
-        "pixels_skipped": whole - taken,
-    }
+        "wanted": tolerance, "met": met, "relative_standard_error": errors, "effective_cells": cells,
+        "least_effective_cells": LEAST_CELLS, "pixels_read": taken, "pixels_skipped": whole - taken,
+    }  # fmt: skip
     note = f"tolerance {tolerance:g} of the slopes: reached {worst:.2g} with {taken} of {whole} pixels read"
     known = f"the slopes' error is {worst:.2g}"
     if cells < LEAST_CELLS:
@@ -352,14 +345,11 @@ def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[P
         box = (top, bottom), (left, right)
     log.info("sample: %d pixels, %s", pixels, _place(box))
     numbers = {
-        "kind": job.recipe.sample,
-        "pixels": pixels,
-        "rows_columns": box,
+        "kind": job.recipe.sample, "pixels": pixels, "rows_columns": box,
         "share_of_scene": pixels / (job.scene.height * job.scene.width),
-        "r2": {f.name: f.r2 for f in model.fits},
-        "slopes": {f.name: f.slope for f in model.fits},
+        "r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits},
         "glint_level": model.level_interval and model.level_interval[2] - model.level_interval[1],
-    }
+    }  # fmt: skip
     features = [feature for _, some in places for feature in some]
     return numbers, collection(features, job.scene) if job.want_sample else None
 

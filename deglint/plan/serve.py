@@ -33,7 +33,7 @@ _POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
     " base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_THIN = 4  # the page gets about every fourth viewing geometry, for the values at the pointer
+_THIN = 4  # the page gets about every fourth viewing geometry, ends included, for the values at the pointer
 
 
 def serve(mission: Mission, *, port: int, say: Callable[[str], None], browser: bool = True) -> None:
@@ -133,7 +133,6 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         mission = replace(mission, sensor=PRESETS[sensor], bands=())
     plan = reticle(mission)
     band = asked.get("band") or None
-    # both ends of the grid are included, as the page takes the values for equal steps between them
     thin = np.ix_(*(np.rint(np.linspace(0, n - 1, -(-(n - 1) // _THIN) + 1)).astype(int) for n in plan.combined.shape))
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),

@@ -122,9 +122,8 @@ class WindEnsemble:
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
         speeds = np.unique(np.round([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind], 9))
-        turns = mission.wind_from + (np.linspace(-turn, turn, TURNS) if turn else np.zeros(1))
-        turns = turns[1:] if turn == 180.0 else turns  # both ends are one direction
-        self.winds = speeds.tolist(), (turns % 360.0).tolist()  # speeds [m/s] and directions [degree]
+        around = np.linspace(-turn, turn, TURNS)[turn == 180.0 :] if turn else np.zeros(1)  # -180 and 180 are one
+        self.winds = speeds.tolist(), ((mission.wind_from + around) % 360.0).tolist()  # [m/s], [degree]
         coarse = mission.coarse()
         self.middle = reticle(coarse)  # reticle under the wind of the mission
         plans = (reticle(replace(coarse, wind=one, wind_from=azimuth)) for one, azimuth in product(*self.winds))

@@ -247,9 +247,7 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 def _check_length(dataset: Any, path: str) -> None:
     """Raise ReadError if an ENVI or EHdr file is shorter than its header states; GDAL would read the rest as 0."""
-    packed = dataset.tags(ns="ENVI").get("file_compression", "0") != "0" or "NBITS" in dataset.tags(
-        1, ns="IMAGE_STRUCTURE"
-    )
+    packed = dataset.tags(ns="ENVI").get("file_compression", "0") != "0"
     if packed or dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)

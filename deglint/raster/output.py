@@ -183,10 +183,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
-    """Raise WriteError for `target` if one of 4 blocks per band of its scratch file `path` is missing or cut off.
-
-    If `sparse`, GDAL leaves out empty blocks, so that none is missing.
-    """
+    """Raise WriteError if 1 of 4 blocks per band of the scratch file `path` is cut off or, unless `sparse`, missing."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]
@@ -318,19 +315,11 @@ def _profile(layout: Layout) -> dict[str, Any]:
     info = layout.info
     rows, columns = layout.block
     profile: dict[str, Any] = {
-        "driver": "GTiff",
-        "height": info.height,
-        "width": info.width,
-        "count": len(layout.bands),
-        "dtype": layout.dtype,
-        "nodata": layout.nodata,
-        "crs": info.crs,
-        "tiled": True,
-        "blockxsize": columns,
-        "blockysize": rows,
-        "BIGTIFF": "IF_SAFER",
+        "driver": "GTiff", "height": info.height, "width": info.width, "count": len(layout.bands),
+        "dtype": layout.dtype, "nodata": layout.nodata, "crs": info.crs,
+        "tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER",
         "interleave": info.interleave if info.interleave in ("pixel", "band") else "band",
-    }
+    }  # fmt: skip
     if info.transform is not None:
         profile["transform"] = info.transform
     if info.compression in ("deflate", "lzw", "zstd", "lzma", "packbits", "lerc"):
