@@ -186,9 +186,9 @@ class _View:
     def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        The vote is for water if NIR / visible is below that of white (`light`: its red / green, NIR / green). It
-        becomes 0 if the NIR is saturated or, unless `brown`, if red / green (in radiance also NIR / red) is above that
-        of white: soil, town, brown water. Compared are means over squares of side `window`, as delays move sparkle.
+        The vote is for water if NIR / visible is below that of white (`light`: its red / green, NIR / green). Such a
+        vote becomes 0 if the NIR is saturated or, unless `brown`, if red / green (in radiance also NIR / red) is above
+        that of white: soil, town, brown water. Compared are means over squares of side `window`: delays move sparkle.
         """
         roles, (red, nir) = self.roles, light
         found = []

@@ -110,7 +110,7 @@ def overview_of(scene: Scene, nir: int, threads: int) -> Overview:
 
 
 def raster_of(scene: Scene) -> RasterSource:
-    """The scene's raster source, with all properties of its file."""
+    """The scene's source, known to be a `RasterSource` (not checked), which has all properties of the file."""
     return cast(RasterSource, scene.source)
 
 

@@ -83,7 +83,7 @@ def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power (square,) of a 3 x 3 kernel, relative to each band's power in all squares, summed over bands."""
+    """Residual power (square,) by a 3 x 3 `kernel`, (input, band), over each band's power in all squares, summed."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))

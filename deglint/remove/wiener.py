@@ -130,7 +130,7 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
 def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
-    """Positions of a tile's squares, (square, 2); mask (square,) of those that the second of `pair` fits better."""
+    """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
     return grams.places, second_kind(grams, pair)
 

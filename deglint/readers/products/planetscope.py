@@ -63,7 +63,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors from file values of `count` bands to reflectance (else radiance), and its unit; [], "" if missing."""
+    """Factors to reflectance (else radiance), and the unit, from XML nodes by band number 1 to `count`; else [], ""."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         known = [s for i in range(1, count + 1) if (s := positive(said(factors.get(i), name)))]
         if len(known) == count:
