@@ -54,7 +54,7 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
 
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
-    clear : masks of the pixels to use at all scales but the last, from `least_glint`; by default `inside`
+    clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
     """
     import cv2
 

@@ -239,7 +239,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _tuples(value: Any) -> Any:
-    """A copy of a value, also of nested ones, with a tuple for every list, in which infinity stands for None."""
+    """A copy of a value, with a tuple for every list, also nested; None as an item of a list becomes infinity."""
     if isinstance(value, dict):
         return {k: _tuples(v) for k, v in value.items()}
     return tuple(np.inf if v is None else _tuples(v) for v in value) if isinstance(value, list) else value

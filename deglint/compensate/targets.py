@@ -82,7 +82,7 @@ class Targets:
     glint: Sequence[float] = ()  # relative radiance of glint over `light`
     time: Sequence[float] = ()  # time offset [s]
     flash_share: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
-    full: Sequence[float] = ()  # value from which a band is saturated; empty if all bands take longer than `LASTS`
+    full: Sequence[float] = ()  # value from which a band is saturated; empty if `time` spans more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
     tables: Sequence[int] = ()  # index into `following` for each band but the first
     first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
@@ -188,7 +188,7 @@ class Excess:
 
     def saturated(self) -> Mask:
         """Mask (row, column) of pixels saturated in a band, and of their neighbours. They are not tested for targets,
-        as clipped sparkle has the spectrum of white paint. All False if the bands take more than 0.1 s (`LASTS`).
+        as clipped sparkle has the spectrum of white paint. All False if the time offsets span over 0.1 s (`LASTS`).
         """
         full = np.zeros(self.raw[0].shape, np.bool_)
         for raw, limit in zip(self.raw, self.stage.full or [np.inf] * len(self.raw), strict=True):

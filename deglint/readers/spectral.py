@@ -211,7 +211,7 @@ def nominal_wavelength(name: str) -> float | None:
 
 
 def letter_wavelengths(names: Sequence[str]) -> list[float | None]:
-    """Nominal wavelengths [nm] of bands that are all named by letters (R, G, B, NIR); otherwise None for each band."""
+    """Nominal wavelengths [nm] of two or more bands, all named by different letters (R, G, B, NIR); else all None."""
     folded = [n.strip().lower() for n in names]
     letters = len(set(folded)) == len(folded) >= 2 and all(n in _LETTERS for n in folded)
     return [_LETTERS[n] if letters else None for n in folded]

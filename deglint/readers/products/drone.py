@@ -42,7 +42,7 @@ _BLACK_LEVEL = 50714  # number of the DNG tag BlackLevel, which GDAL does not re
 
 
 def find(container: Container) -> Product | None:
-    """The capture in a folder or archive; None if there is none. Raises InputError if there are several.
+    """The capture in a folder or archive; None if there is none or a member is named. Raises InputError for several.
 
     A capture is a set of images taken at once, one per band. One file is no product: `with_xmp` reads its metadata.
     """
