@@ -96,7 +96,7 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
             continue
         scale[c] = 0.0
         left, slack = rest[c], 100.0 * exact * (square[c] / count[c] + away[c] * away[c])
-        if square[c] - mean[c] * own[c] <= 1e3 * exact * square[c]:  # the band varies too little to be explained
+        if square[c] - mean[c] * own[c] <= 1e3 * exact * square[c]:  # the band hardly varies: compare with rounding
             left, slack = away[c], (16.0 * EPS) ** 2 * square[c] / count[c]
         if pivot[c] > exact * square[c] or not left * left <= slack:
             state[c] = ASIDE

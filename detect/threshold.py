@@ -203,7 +203,7 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     if allowed < 1:
         raise InputError(
             f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1.05 / tail.n:.2g} or more, or more "
-            "pixels, to which a tail (gpd) can be fitted."
+            "pixels, to which a tail (gpd) can be fitted."  # rounding to two digits takes up to 5 %
         )
     if allowed >= len(tail.values):
         raise InputError(

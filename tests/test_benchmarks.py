@@ -246,3 +246,9 @@ def test_discs_come_to_no_harm_where_flashes_are_rare(tmp_path):
     known = scenes.Known.of(tmp_path / "discs.tif")
     assert known.error(open_scene(known.path).read()) > 15
     assert known.error(scenes.deglinted(known.path)[0]) < 4.5
+
+
+def test_modules_functions_and_the_product_are_within_their_limits():
+    found = size.modules()
+    assert [(title, rows) for title, _, rows in size.too_large(found) if rows] == []
+    assert sum(text.count("\n") for path, text in found.items() if not path.startswith("benchmarks/")) <= size.TOTAL

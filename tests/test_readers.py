@@ -422,7 +422,7 @@ def test_nodata_of_one_band_alone_does_not_leak_when_resampled(beside, dtype, no
     "hides",
     [
         "alpha",
-        pytest.param("mask", marks=pytest.mark.skipif(GDAL >= (3, 11), reason="GDAL ignores a mask beside nodata")),
+        pytest.param("mask", marks=pytest.mark.skipif(GDAL >= (3, 12), reason="GDAL ignores a mask beside nodata")),
     ],
 )
 def test_nodata_beside_a_mask_or_alpha_does_not_leak_when_resampled(beside, hides):

@@ -53,7 +53,7 @@ class State:
         if np.abs(image).max(initial=0) > LARGEST:
             raise InputError(
                 f"numbers reach {np.abs(block[:, water]).max():.3g}; compensation and --stderr square them in float32, "
-                "up to 1e+15. Bring them to other units, mark what is not valid as nodata, or leave both out."
+                f"up to {LARGEST:g}. Bring them to other units, mark what is not valid as nodata, or leave both out."
             )
         return cls(image, image, water, origin=origin)
 

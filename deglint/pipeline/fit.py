@@ -101,7 +101,8 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    check_number(1 if threads is None else threads, 1, 1024, "threads")
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
     with environment():
         found, threads = undeclared(scene), threads or tiling.default_threads()
         return replace(_fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run), undeclared=found)

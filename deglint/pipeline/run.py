@@ -21,6 +21,7 @@ from ..raster.convert import physical_dtype
 from ..raster.environment import enter_thread, environment
 from ..raster.output import Scratch, plain, write_bytes, write_json, write_text, writing_all
 from ..raster.targets import Reads, check_ending, check_images, check_targets
+from ..readers.areas import collection
 from ..readers.opening import open_scene
 from ..readers.scenes import files_of
 from ..readers.undeclared import settled
@@ -87,12 +88,9 @@ def remove_glint(
     targets = replace(image if isinstance(image, Outputs) else Outputs(Path(as_path(image, "image"))), **writing)
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    if model is not None:
-        check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
-    if (chain := options.get("chain")) is not None:
-        check_kind(chain, Chain, "chain", "Read a saved one with deglint.pipeline.load_chain.")
-        check_kind(model, GlintModel, "model", "A chain belongs to a saved model; to fit one: Recipe(compensate=...).")
-    check_number(1 if threads is None else threads, 1, 1024, "threads")
+    _check_saved(model, options.get("chain"))
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
     with environment():
         files = check_outputs(source, recipe, reading.get("sensor"), targets)
         # begun before the scene is opened: what changes from now on is noticed
@@ -101,11 +99,20 @@ def remove_glint(
         run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster, (cluster or tiling).run)
         with raster_of(scene):
             if model is not None:
-                fitted = given_model(scene, recipe, model, run.threads, chain)
+                fitted = given_model(scene, recipe, model, run.threads, options.get("chain"))
             else:
                 more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
                 fitted = fit_scene(scene, recipe, threads=run.threads, **more)
             return _corrected(scene, fitted, targets, checksum, run)
+
+
+def _check_saved(model: Any, chain: Any) -> None:
+    """Raise InputError if a given model or chain is of another type, or if a chain comes without its model."""
+    if model is not None:
+        check_kind(model, GlintModel, "model", "Read a saved one with deglint.pipeline.load_model.")
+    if chain is not None:
+        check_kind(chain, Chain, "chain", "Read a saved one with deglint.pipeline.load_chain.")
+        check_kind(model, GlintModel, "model", "A chain belongs to a saved model; to fit one: Recipe(compensate=...).")
 
 
 @dataclass(frozen=True)
@@ -134,7 +141,7 @@ def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, target
 def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
     """Correct a scene, write all outputs in `targets`, and return the result of the run."""
     if targets.sample and fitted.sample is None and fitted.choice and not fitted.model.fits:  # the choice is to copy
-        fitted = replace(fitted, sample={"type": "FeatureCollection", "features": []})
+        fitted = replace(fitted, sample=collection([], scene))
     if targets.sample and fitted.sample is None:
         raise InputError(f"{fitted.model.method} was not fitted to a sample here, so there is none to write.")
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)

@@ -5,7 +5,8 @@ another existing file only if `overwrite` is True. Files are compared by device 
 spellings are recognised; names of files that do not exist are compared as resolved paths.
 
 A run writes scratch files in the directory of its outputs and renames them when all are complete. If one cannot be
-renamed, or after Ctrl-C, those already renamed get their old names again. The next run removes those of killed runs.
+renamed, or after Ctrl-C, those already renamed get their old names again. Scratch files of killed runs are removed by
+the next run with the same output.
 """
 
 import contextlib

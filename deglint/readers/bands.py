@@ -325,8 +325,9 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
-        found, least = None if isinstance(value, bool) else number(value), "" if key == "time_offset" else " above 0"
-        if allowed[key] == "float" and (found is None or (least and found <= 0)):
-            raise InputError(f"{where}: {key}: want a finite number{least}, got {described(value)}.")
+        if allowed[key] == "float":
+            found, least = number(value), "" if key == "time_offset" else " above 0"
+            if isinstance(value, bool) or found is None or (least and found <= 0):
+                raise InputError(f"{where}: {key}: want a finite number{least}, got {described(value)}.")
     if missing := [key for key in needed if key not in entry]:
         raise InputError(f"{where}: {missing[0]} is missing; needed are {', '.join(needed)}.")

@@ -32,7 +32,9 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
         if len({(i.height, i.width) for i in infos}) > 1 and 0 < len(without) < len(infos):
-            raise InputError(f"{without[0]} has no {what} and another size than others. Give it one, or leave it out.")
+            raise InputError(
+                f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
+            )
     bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
     chosen = _choose(infos, areas, grid)
     reference, here = infos[chosen], bounds[chosen]

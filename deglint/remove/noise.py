@@ -10,7 +10,9 @@ from .detrend import detrend
 
 FAINT = 10.0
 """Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
-HIDDEN_NOISE = 0.01  # noise that rounding to integers hides, relative to the strongest glint
+LEAST_NOISE, HIDDEN_NOISE = 1e-6, 0.01
+"""Relative to the strongest glint: noise below `LEAST_NOISE` is hidden by rounding (a step of 16 bits is 1.5e-5), and
+taken for `HIDDEN_NOISE`, with which the strongest glint has a weight of 1 %."""
 
 
 def spread(values: FloatArray) -> float:
@@ -49,6 +51,6 @@ def faint_weight(nir: FloatArray, sample: Mask) -> FloatArray:
     high = detrend(nir[None], sample)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))
     strongest = float(np.nanmax(np.abs(high), initial=0.0))
-    sigma = sigma if sigma > 1e-6 * strongest else HIDDEN_NOISE * strongest
+    sigma = sigma if sigma > LEAST_NOISE * strongest else HIDDEN_NOISE * strongest
     with np.errstate(invalid="ignore"):
         return np.asarray(np.nan_to_num(1 / (1 + (high / (FAINT * sigma)) ** 2)), np.float32)
