@@ -39,6 +39,17 @@ def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_se
     assert more_references(replace(request, faint=True), tiles) == ()
 
 
+def test_a_red_edge_band_does_not_serve_over_a_bottom_that_is_weaker_than_its_noise():
+    noise = 5 * np.random.default_rng(9).normal(size=(4, 192, 192)).astype(np.float32)
+    block, water = sparkle_over_bottom(bottom=40.0)
+    request, tiles = parts(block + noise)
+    request = replace(request, faint=True)
+    without, more = (wiener.fit(replace(request, more=m), tiles) for m in ((), (2,)))
+    errors = [np.std((remove.apply(tiles[0].block, m) - water)[1]) for m in (without, more)]
+    assert errors[1] > 1.2 * errors[0]
+    assert more_references(request, tiles) == ()
+
+
 def test_a_reference_with_which_nothing_is_significant_does_not_serve(monkeypatch):
     request, tiles = parts(sparkle_over_bottom()[0])
     model = wiener.fit(request, tiles)
