@@ -134,6 +134,19 @@ def test_pits_that_end_at_zero_take_the_water_around():
     assert replace(stage, resolved=False).apply(replace(state, raw=raw, errors=True)).variance[0].max() < 1e4
 
 
+@pytest.mark.parametrize("red", [0.0, 60.0])
+def test_water_that_is_zero_in_a_band_is_no_pit(red):
+    state, water = state_and_water()
+    dark = np.array([0, 60 - red, 0], np.float32)[:, None, None]
+    rng, clear = np.random.default_rng(7), np.arange(192) < 96
+    noisy = water + rng.normal(size=water.shape) * np.array([8, 1, 1])[:, None, None]
+    image = (np.where(clear, noisy, state.image) - dark).astype(np.float32)
+    removed = np.where(clear, 0, state.removed)
+    state = State(image + removed, image, state.water, removed=removed)
+    out = fitted(state).apply(state).image
+    np.testing.assert_array_equal(out[:2, :, :96], image[:2, :, :96])
+
+
 def test_water_whose_noise_rounding_hides_is_not_zero():
     state, water = state_and_water()
     removed = np.zeros_like(water)

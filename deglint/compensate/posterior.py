@@ -30,6 +30,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InputError
+from ..morphology import grown
 from ..remove.noise import noise, spread
 from .state import FEWEST, Float32, Sample, Setting, State, full_scale
 
@@ -48,7 +49,11 @@ TABLE_ENTRIES = 2048  # entries of the lookup table of variances, denser for lit
 LEAST_VARIANCE = np.float32(0.01)  # lower limit of the variance of the water, relative to the variance of noise
 UNKNOWN = np.float32(1e6)
 """Variance of left-over glint, relative to the variance of noise, in pixels without information on the water: saturated
-pixels, and for the posterior mean also pixels that are zero or negative in a corrected band."""
+pixels, and for the posterior mean also pits, which are zero or negative in a corrected band."""
+PIT_REACH, DEEP = 3, 10.0
+"""Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
+`PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
+DARK = 1.0  # water that is darker than this many standard deviations of noise is often zero without pits
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,7 @@ class LeftOver:
     sigma: float  # standard deviation of noise [unit of the band]
     glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
     variance: tuple[float, ...]  # variance of the glint that is left, at these amounts [unit of the band squared]
+    water: float = 0.0  # median of the band after the removal [unit of the band]
     ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
 
     def of(self, glint: Float32) -> Float32:
@@ -84,9 +90,10 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     rest = sample.values([i - np.asarray(cv2.medianBlur(i, 5), np.float32) for i in images])
     taken = sample.values([_taken(s)[band] for s in sample.states])
     sigma = min(noise([s.raw[band] for s in sample.states], sample.inside), noise(images, sample.inside))
+    water = float(np.median(sample.values(images)))
     limits = np.unique(np.quantile(taken, GLINT_QUANTILES))
     if limits.size < 3:
-        return LeftOver(band, sigma, (0.0,), (0.0,))
+        return LeftOver(band, sigma, (0.0,), (0.0,), water)
     group = np.searchsorted(limits[1:-1], taken)
     parts = [rest[group == k] for k in range(limits.size - 1)]
     spreads = np.maximum.accumulate([spread(p) if p.size >= FEWEST // 2 else 0.0 for p in parts])
@@ -95,7 +102,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     variance = np.maximum(spreads**2 - calm**2, 0.0)
     ratio = float(np.interp(np.quantile(taken, STRONG_QUANTILE), middles, spreads)) / calm
     sigma = max(sigma, float(np.sqrt(variance.max() / UNKNOWN)))  # integers may hide noise
-    return LeftOver(band, sigma, tuple(map(float, middles)), tuple(map(float, variance)), ratio)
+    return LeftOver(band, sigma, tuple(map(float, middles)), tuple(map(float, variance)), water, ratio)
 
 
 def _taken(state: State) -> Float32:
@@ -126,7 +133,7 @@ class Posterior:
     @property
     def halo(self) -> int:
         """Margin around a block that the stage needs [pixel]."""
-        return self.side // 2
+        return self.side // 2 + PIT_REACH
 
     def apply(self, state: State) -> State:
         """Set the image to the posterior mean if waves are `resolved`; set `State.variance` if `State.errors`."""
@@ -136,8 +143,9 @@ class Posterior:
         for band, limit in zip(state.raw, self.saturation, strict=True):
             if np.isfinite(limit):
                 unknown |= band >= limit
-        for left in self.left if self.resolved else ():  # resampling digs pits beside glint, which end at zero
-            unknown |= state.raw[left.band] <= 0
+        for left in (p for p in self.left if self.resolved and p.water > DARK * p.sigma):
+            beside = grown(taken[left.band] > np.float32(DEEP * left.sigma), 2 * PIT_REACH + 1)
+            unknown |= (state.raw[left.band] <= 0) & beside
         for left in self.left:
             b, s2 = left.band, np.float32(left.sigma**2)
             v = left.of(taken[b])
