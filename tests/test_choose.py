@@ -143,6 +143,14 @@ def test_what_the_nir_does_not_show_is_signal_of_the_scene():
     assert penalised > expected_errors(own[None], own[None], np.ones((1, 4)), np.ones(1), least(shallow))
 
 
+def test_white_noise_is_no_signal_of_the_scene_at_any_scale():
+    image = np.random.default_rng(3).standard_normal((2, 256, 256)).astype(np.float32)
+    image[1] = 0
+    unit, noise = np.array([1, np.inf], np.float32), np.array([1, 0], np.float32)
+    found = least_signal([image], [np.ones((256, 256), bool)], unit, noise, 1, np.ones(2, np.float32))
+    assert (found[:3] < 0.01).all()
+
+
 def test_light_above_the_level_of_an_opening_is_left_glint():
     sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
     results = [[level * sea] for level in (3.0, 1.04, 1.0, 0.5)]

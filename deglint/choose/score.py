@@ -90,11 +90,11 @@ def least_signal(
     def of_band(band: int) -> Float64:
         return powers(images, inside, np.where(np.arange(len(unit)) == band, np.float32(1), np.float32(np.inf)))
 
+    white = -np.diff([*(1 / s**2 for s in SCALES), 0.0])  # power of white noise of standard deviation 1 at each scale
     judged, reference = np.flatnonzero(np.isfinite(unit)).tolist(), of_band(nir)
     total = np.zeros(len(SCALES))
     for b in judged:
-        found = of_band(b) - (GLINT_OF_NIR * spectrum[b]) ** 2 * reference
-        found[0] -= noises[b] ** 2
+        found = of_band(b) - (GLINT_OF_NIR * spectrum[b]) ** 2 * reference - noises[b] ** 2 * white
         total += np.maximum(found, 0) / unit[b] ** 2
     return np.asarray(total / max(len(judged), 1))
 
