@@ -28,10 +28,9 @@ def detrend(block: FloatArray, mask: Mask | None = None, size: int = LOCAL_MEAN)
 
     Returns (band, row, column): NaN outside the sample, 0 where a sample pixel has no other sample pixel in its square.
 
-    Every sum is made anew from the pixels of its square, along rows and then along columns: unlike a running sum it has
-    no drift, and results do not depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes
-    last, and the upper and the lower bits of float64 values are summed separately. It takes 25 ns per pixel and band,
-    40 ns for float64.
+    Every sum is made anew from the rows and columns of its square: unlike a running sum it has no drift, and results do
+    not depend on tiles, to the bit. An offset of 1e8 costs no precision: the division comes last, and the upper and the
+    lower bits of float64 values are summed separately. It takes 25 ns per pixel and band, 40 ns for float64.
 
     >>> ramp = np.arange(25.0).reshape(1, 1, 25)
     >>> float(detrend(ramp, size=3)[0, 0, 12])

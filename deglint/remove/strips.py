@@ -47,9 +47,7 @@ class Strips:
 
 
 def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
-    """Weight of each of `count` squares at each row or column in `places`, (place, square): 1 at the square's centre,
-    0 from the centres of its neighbours on; the first and the last square have the weight 1 up to the edge.
-    """
+    """Weight of each of `count` squares at each row or column in `places`, (place, square); 1 at its centre."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
     return np.maximum(1 - np.abs(at[:, None] - np.arange(count)), 0).astype(np.float32)
 
