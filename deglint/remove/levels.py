@@ -32,9 +32,9 @@ NORMAL_TAIL, RARE = 1.65, 0.3
 """Glint is rare, at any span, if the distance of the 1st percentile of the predictions from the median is more than
 `NORMAL_TAIL` times the distance of the 10th (1.82 for noise with a normal distribution), and if the even share
 (`even_share`) is below `RARE`, as for rare sparkle."""
-LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares of the sample with the least glint, see `KINDS` [%]
-AVERAGED = 3  # side of the window of the means and of the binomial filter in `KINDS` [pixel]
-KINDS = {
+LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares with the least glint, see `GLINT_KINDS` [%]
+AVERAGED = 3  # side of the window of the means and of the binomial filter in `GLINT_KINDS` [pixel]
+GLINT_KINDS = {
     "clear": ("mean", LEAST_CLEAR, False),
     "rare": ("binomial", LEAST_CLEAR, False),
     "sparse": ("mean", LEAST_GLINT, False),
@@ -199,8 +199,8 @@ def shared_level(
 
     The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
     and the median of the predicted NIR. The chosen one is the least prediction in the sample, but not below the lowest
-    one. How both are determined depends on the kind of glint (`KINDS`): clear, rare, sparse, dense or a sheet. In a
-    sheet all pixels may have glint. If each pixel contains several waves, the chosen level is therefore lowered to
+    one. How both are determined depends on the kind of glint (`GLINT_KINDS`): clear, rare, sparse, dense or a sheet. In
+    a sheet all pixels may have glint. If each pixel contains several waves, the chosen level is therefore lowered to
     the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band, s its slope, p
     its prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a
     visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least
@@ -212,7 +212,7 @@ def shared_level(
     kind = "sparse" if span < SPARSE else "dense" if span < SHEET_SPAN else "sheet"
     if span < MOSTLY_CLEAR or (resolved and _normal_tail(together)):
         kind = "clear" if span < SPARSE else "rare"
-    searched, share, local = KINDS[kind]
+    searched, share, local = GLINT_KINDS[kind]
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
     order = together if searched == "pixel" else getattr(sample, searched)
