@@ -329,10 +329,10 @@ def test_import_is_cheap():
 
 # --------------------------------------------------------------------------------------- the shared scenes
 REAL = {
-    "casablanca": Roles(blue=0, green=1, red=2, nir=3, swir=4),
-    "honolulu": Roles(blue=0, green=1, red=2, nir=3, swir=4),
-    "palau": Roles(blue=1, green=2, red=3, nir=7, swir=10),
-    "wistari": Roles(blue=1, green=2, red=3, nir=7, swir=11),
+    "casablanca": Roles(blue=0, green=1, red=2, nir=3),
+    "honolulu": Roles(blue=0, green=1, red=2, nir=3),
+    "palau": Roles(blue=1, green=2, red=3, nir=7),
+    "wistari": Roles(blue=1, green=2, red=3, nir=7),
 }
 WORLDVIEW = Roles(blue=1, green=2, red=4, nir=6)
 SIMULATED = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from deglint import remove
+from deglint import Recipe, correct, fit_scene, open_scene, remove
 from deglint.compensate.stages import apply_stages, fit_stages, parse
 from deglint.compensate.state import Sample, Setting, State
 from deglint.pipeline.sample import offshore
@@ -89,3 +89,29 @@ def test_the_sample_keeps_a_window_from_land_where_that_leaves_enough():
     (wide,), (narrow,) = offshore([tile], 7), offshore([tile], 31)
     np.testing.assert_array_equal(wide.sample, np.arange(64) < np.full((64, 1), 44))
     np.testing.assert_array_equal(narrow.sample, water)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        "identify-level:13, replace-level",
+        "psf:2, identify-level:13, targets, replace-level, remove",
+        "targets, remove, posterior",
+    ],
+)
+def test_the_unit_does_not_matter_along_a_shore(chain, tmp_path, write):
+    """Land and mixed pixels in the NIR are replaced by the mean of the water: in digital numbers and in reflectance."""
+    rng = np.random.default_rng(0)
+    glint = gaussian_filter(rng.normal(size=(256, 320)), 3)
+    glint = np.maximum(glint / glint.std(), 0) ** 2
+    water = np.array([300, 400, 250, 60.0])[:, None, None]
+    scene = water + 60 * glint * np.array([1.1, 1.05, 1, 1])[:, None, None] + rng.normal(0, 3, (4, 256, 320))
+    scene[:, :, :90] = np.array([300, 500, 450, 3000.0])[:, None, None] + rng.normal(0, 60, (4, 256, 90))
+    clean = []
+    for factor in (1, 1e-4):
+        opened = open_scene(write(tmp_path / f"{factor}.tif", (scene * factor).astype(np.float32)))
+        clean.append(correct(opened, fit_scene(opened, Recipe(method="wiener", compensate=chain))) / factor)
+    numbers, reflectance = clean
+    np.testing.assert_allclose(reflectance, numbers, rtol=0, atol=0.1)
+    shore = np.median(numbers[:3, :, 90:92], axis=1) - water[:3, 0]
+    assert np.abs(shore).max() < 5

@@ -115,18 +115,18 @@ def fit_water(
 
 
 def _fit(
-    view: _View, light: tuple[float, float], pixel: float | None, *, brown: bool, strict: bool
+    view: _View, white: tuple[float, float], pixel: float | None, *, brown: bool, strict: bool
 ) -> WaterRule | None:
     """Determine the rule for blue water, or for `brown` (turbid) water; None if there is no water.
 
-    light : colour of white, as from `_View.white`
+    white : colour of white, as from `_View.white`
     pixel : side of a pixel [m], or None if not known
     strict : pixels whose colour is not known count as not water, so that dark land is not joined to the water
     """
     widest = WIDEST_WINDOW if pixel is None else next((w for w in WINDOWS if w >= GLINT_SIZE / pixel), WINDOWS[-1])
     most = 0.0
     for window in [w for w in WINDOWS if w <= widest]:
-        votes = view.votes(window, light, brown=brown)
+        votes = view.votes(window, white, brown=brown)
         if strict:
             votes = [np.where(v > 0, v, np.int8(-1)) for v in votes]
         rule = _threshold(view, window, view.flat(votes), sparkle=window > 1 or pixel is None, strict=strict)
@@ -140,20 +140,26 @@ def _fit(
         if sum(int(b.sum()) for b in bright) <= most * sum(int(s.sum()) for s in sea):
             break
     assert rule is not None
-    solid = view.brighter(rule.threshold, window)
-    level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
-    sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
-    clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
-    if sides and np.isfinite(clumps).all():
-        core, red_core = (
-            next((w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump), sides[-1])
-            for red, clump in zip((False, True), clumps, strict=True)
-        )
-        rule = replace(rule, core=core, bright=level + clumps[0], red_core=red_core, red=level + clumps[1])
-        solid = [land(b, rule) for b in view.blocks]
+    rule = _with_cores(view, rule, widest)
+    solid = [land(b, rule) for b in view.blocks] if rule.core > 1 else view.brighter(rule.threshold, window)
     if not view.is_water(solid, votes, COMPACTNESS if brown else 0.0):
         return None
     return replace(rule, water_fraction=1.0 - sum(int(s.sum()) for s in solid) / view.pixels)
+
+
+def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
+    """The rule with smaller squares (`CORE`, at most `widest` pixels) for boats, if enough sea is there to compare."""
+    solid = view.brighter(rule.threshold, rule.window)
+    level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
+    sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
+    clumps = [max(view.clumps(solid, level, red=red), plume) for red in (False, True)]
+    if not sides or not np.isfinite(clumps).all():
+        return rule
+    core, red_core = (
+        next((w for w in sides if view.clumps(solid, level, w, red=red) <= OF_CLUMP * clump), sides[-1])
+        for red, clump in zip((False, True), clumps, strict=True)
+    )
+    return replace(rule, core=core, bright=level + clumps[0], red_core=red_core, red=level + clumps[1])
 
 
 class _View:
@@ -183,14 +189,14 @@ class _View:
         saturated = (nir == high).mean() >= SATURATED and high - low > float(np.median(np.abs(self.contrast)))
         return high if saturated else np.inf
 
-    def votes(self, window: int, light: tuple[float, float], *, brown: bool) -> list[Votes]:
+    def votes(self, window: int, white: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        The vote is for water if NIR / visible is below that of white (`light`: its red / green, NIR / green). Such a
+        The vote is for water if NIR / visible is below that of white (`white`: its red / green, NIR / green). Such a
         vote becomes 0 if the NIR is saturated or, unless `brown`, if red / green (in radiance also NIR / red) is above
         that of white: soil, town, brown water. Compared are means over squares of side `window`: delays move sparkle.
         """
-        roles, (red, nir) = self.roles, light
+        roles, (red, nir) = self.roles, white
         found = []
         for block, valid in zip(self.blocks, self.valid, strict=True):
             scale = block.dtype.type

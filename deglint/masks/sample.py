@@ -129,7 +129,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     if not pairs:
         raise FitError(f"no deep-water sample: {rule.reason}")
     looks, masks = [b for b, _ in pairs], [m for _, m in pairs]
-    sample = _grains(looks, masks, rule)
+    sample = _quantisation(looks, masks, rule)
     local = [_local(b, m, sample) for b, m in zip(looks, masks, strict=True)]
     sample, candidates = _choose_distance(looks, masks, local, sample)
     for share in SHARES:
@@ -142,13 +142,9 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     if not pixels:
         raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")
     total = float(kept.visible.sum()) * float(kept.variance.sum())
-    return replace(
-        sample,
-        r_squared=max(float(kept.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0,
-        glint=float(np.sqrt(np.mean(kept.variance))) * sample.step[0],
-        pixels=pixels,
-        share=pixels / valid,
-    )
+    r_squared = max(float(kept.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0
+    glint = float(np.sqrt(np.mean(kept.variance))) * sample.step[0]
+    return replace(sample, r_squared=r_squared, glint=glint, pixels=pixels, share=pixels / valid)
 
 
 def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
@@ -167,23 +163,23 @@ def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> F
     return np.sum([block[i] * np.float64(w) for i, w in zip(roles.visible, weights, strict=True)], axis=0)
 
 
-def _spread(values: FloatArray) -> tuple[float, float]:
+def _middle_and_range(values: FloatArray) -> tuple[float, float]:
     """Median of `values`, and the difference of their 95th and 5th percentiles (if it is 0, the standard deviation)."""
     low, middle, high = (float(p) for p in np.percentile(thinned(values), (5, 50, 95)))
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
-def _grains(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
+def _quantisation(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
     """A rule whose 1024 grains span water (`masks`), 5th to 95th percentile. Raises FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
 
-    middles = [_spread(over_water(band))[0] for band in rule.roles.visible]
+    middles = [_middle_and_range(over_water(band))[0] for band in rule.roles.visible]
     weights = tuple(1.0 / m if m > 0 else 1.0 / rule.contrast for m in middles)
     sums = [_visible_sum(b, rule.roles, weights)[m] for b, m in zip(looks, masks, strict=True)]
-    nir, nir_range = _spread(over_water(rule.roles.nir))
-    visible, visible_range = _spread(np.concatenate(sums))
+    nir, nir_range = _middle_and_range(over_water(rule.roles.nir))
+    visible, visible_range = _middle_and_range(np.concatenate(sums))
     if not nir_range > 0:
         raise FitError(f"no deep-water sample: the NIR is {nir:.6g} all over the water. {REMEDY}")
     steps = nir_range / 1024, (visible_range or 1.0) / 1024
@@ -247,13 +243,9 @@ def _choose_limits(local: _Local, sample: SampleRule, share: float) -> SampleRul
     local, level = local.pick(kind), level[kind]
     limit = float(np.median(level))
     local = local.pick(level <= limit)
-    sample = replace(
-        sample,
-        slope=slope,
-        level=limit,
-        residual=float(np.median(local.residual)),
-        variance=max(float(np.median(local.variance)), 1.0),
-    )
+    variance = max(float(np.median(local.variance)), 1.0)
+    residual = float(np.median(local.residual))
+    sample = replace(sample, slope=slope, level=limit, residual=residual, variance=variance)
     least = float(np.quantile(local.variance[_even(local, sample)], 1.0 - share, method="lower"))
     return replace(sample, least_variance=max(least, 1e-6))
 
@@ -283,13 +275,12 @@ def _otsu(values: Float64) -> tuple[float, float]:
         return float(high), 0.0
     counts, edges = np.histogram(np.clip(values, low, high), 256)
     centres = (edges[:-1] + edges[1:]) / 2
-    weight = np.cumsum(counts) / values.size
+    weight = np.cumsum(counts)[:-1] / values.size  # between 0 and 1, as the first and the last bin have values
     moment = np.cumsum(counts * centres) / values.size
     mean = moment[-1]
     variance = np.sum(counts * (centres - mean) ** 2) / values.size
-    with np.errstate(divide="ignore", invalid="ignore"):
-        between = np.nan_to_num((mean * weight - moment) ** 2 / (weight * (1 - weight)), posinf=0.0)
-    best = int(np.argmax(between[:-1]))
+    between = (mean * weight - moment[:-1]) ** 2 / (weight * (1 - weight))
+    best = int(np.argmax(between))
     return float(edges[best + 1]), float(between[best] / variance)
 
 

@@ -21,7 +21,6 @@ class Roles:
     blue: int | None = None
     green: int | None = None
     red: int | None = None
-    swir: int | None = None  # the masks do not use it
 
     @property
     def visible(self) -> tuple[int, ...]:

@@ -29,8 +29,7 @@ from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "glint_error",
-    "merge", "nir_request",
+    "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "glint_error", "merge", "nir_request",
 ]  # fmt: skip
 
 

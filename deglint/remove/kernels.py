@@ -189,7 +189,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
             "fitted. Choose another --nir, or a --sample where glint varies."
         )
     losses = {s: _held_out(groups, total, grams.inputs(s), outputs) for s in usable}
-    chosen, out = _supports(losses), []
+    chosen, out = _chosen_supports(losses), []
     for support in dict.fromkeys(chosen):
         mine = [k for k, s in enumerate(chosen) if s == support]
         wanted = [outputs[k] for k in mine]
@@ -209,7 +209,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
     return np.array(left) / power
 
 
-def _supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
+def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
     """Choose each band's support by `losses` (group, band): the best for all bands, or another if clearly better."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)

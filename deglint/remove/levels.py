@@ -24,25 +24,30 @@ from .kernels import FOLDS
 _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
 _BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
 _MOST_BINS = 1 << 20
-LEAST_GLINT, LEAST_DENSE = 0.2, 0.05
-"""Share of the sample with the least glint [%]. The level is the median of the predictions (the NIR that the kernels
-predict) in it. `LEAST_DENSE` is for dense glint (span from `SPARSE` on), where fewer pixels are without glint."""
-MOSTLY_CLEAR, LEAST_CLEAR = 0.05, 40.0
-"""The span is the range of the lower half of the predictions, relative to the range from their median to their 99th
-percentile: .007 to .02 for pixels that resolve sparkle, .4 for 10 m. If it is below `MOSTLY_CLEAR`, most pixels differ
-by noise alone: the level is then the median of the lowest `LEAST_CLEAR` percent of the predictions."""
-AVERAGED, SPARSE = 3, 0.1
-"""If the span is below `SPARSE`, some water has no glint, and the least glint is searched in means of `AVERAGED` x
-`AVERAGED` pixels: in single pixels the lowest noise would be taken as the level. If the span is larger, such a mean
-always has glint, and a binomial filter of that size suppresses noise and the negative lobes of resampling. From
-`SHEET_SPAN` on glint itself changes from pixel to pixel, and single pixels are used."""
+MOSTLY_CLEAR, SPARSE, SHEET_SPAN = 0.05, 0.1, 0.3
+"""Limits of the span (`span_of`) between clear, sparse and dense glint and a sheet of it. The span is the range of the
+lower half of the predictions (the NIR that the kernels predict), relative to the range from their median to their 99th
+percentile: .007 to .02 for pixels that resolve sparkle, .2 at 5 m, .32 to .5 at 10 m."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""Most pixels have no glint if the distance of the 1st percentile of the predictions from the median is more than
+"""Glint is rare, at any span, if the distance of the 1st percentile of the predictions from the median is more than
 `NORMAL_TAIL` times the distance of the 10th (1.82 for noise with a normal distribution), and if the even share
 (`even_share`) is below `RARE`, as for rare sparkle."""
-SHEET_SPAN = 0.3
-"""If the span is at least `SHEET_SPAN`, every pixel may have some glint, as at 10 m (.32 to .5; .2 at 5 m): an image
-does not show how much of the minimum is water and how much is an even sheet of glint."""
+LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares with the least glint, see `GLINT_KINDS` [%]
+AVERAGED = 3  # side of the window of the means and of the binomial filter in `GLINT_KINDS` [pixel]
+GLINT_KINDS = {
+    "clear": ("mean", LEAST_CLEAR, False),
+    "rare": ("binomial", LEAST_CLEAR, False),
+    "sparse": ("mean", LEAST_GLINT, False),
+    "dense": ("binomial", LEAST_DENSE, True),
+    "sheet": ("pixel", LEAST_DENSE, True),
+}
+"""Kinds of glint: where the least glint is searched; share of the sample with the least glint [%], in which the level
+is the median of the predictions; whether local means must not become negative, in place of single pixels, which errors
+of the kernels make negative. Where glint is clear or rare, most pixels differ by noise alone. Where it is sparse, some
+water has none, and means of pixels are searched: in single pixels the lowest noise would be taken as the level. Where
+it is dense, such a mean always has glint, and a binomial filter suppresses noise and the negative lobes of resampling.
+In a sheet every pixel may have glint, which changes from pixel to pixel, so single pixels are used: an image does not
+show how much of the minimum is water and how much is an even sheet of glint."""
 STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
@@ -194,8 +199,8 @@ def shared_level(
 
     The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
     and the median of the predicted NIR. The chosen one is the least prediction in the sample, but not below the lowest
-    one. If glint is dense (`span_of` is at least `SPARSE`), only local means must not become negative, as errors make
-    single pixels negative. If each pixel contains several waves, all may have glint, and the chosen level is lowered to
+    one. How both are determined depends on the kind of glint (`GLINT_KINDS`): clear, rare, sparse, dense or a sheet. In
+    a sheet all pixels may have glint. If each pixel contains several waves, the chosen level is therefore lowered to
     the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band, s its slope, p
     its prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a
     visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least
@@ -204,27 +209,28 @@ def shared_level(
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
-    clear = span < MOSTLY_CLEAR or (resolved and _normal_tail(together))
-    sheet = span >= SHEET_SPAN and not clear
+    kind = "sparse" if span < SPARSE else "dense" if span < SHEET_SPAN else "sheet"
+    if span < MOSTLY_CLEAR or (resolved and _normal_tail(together)):
+        kind = "clear" if span < SPARSE else "rare"
+    searched, share, local = GLINT_KINDS[kind]
     if sample.apart.any():
         sample, together = sample.some(sample.apart), together[sample.apart]
-    order = together if sheet else sample.mean if span < SPARSE else sample.binomial
-    share = LEAST_CLEAR if clear else LEAST_GLINT if span < SPARSE else LEAST_DENSE
+    order = together if searched == "pixel" else getattr(sample, searched)
     least = order <= np.percentile(order, share)
     prediction, value = sample.prediction, sample.value
     level = np.median(prediction[:, least], axis=1)
     raised = float(np.median(together[least]))
     unit = _units(np.median(prediction, axis=1) - level, slopes)
-    excess = sample.local if span >= SPARSE and not clear else prediction - value / slopes[:, None]
-    calm = together <= middle
+    excess = sample.local if local else prediction - value / slopes[:, None]
+    less_glint = together <= middle
     short = [
         (_highest(over[inside], NEGATIVE + 100 * below) - at) / u
         for over, v, at, u in zip(excess, value, level, unit, strict=True)
-        if (below := float((v[calm] < 0).mean())) < SUBTRACTED and (inside := (v > 0) & calm).any()
+        if (below := float((v[less_glint] < 0).mean())) < SUBTRACTED and (inside := (v > 0) & less_glint).any()
     ]
     lowest = min(raised + max(short, default=0.0), middle)
     chosen = max(raised, lowest)
-    if sheet and not resolved:
+    if kind == "sheet" and not resolved:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
         chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
     interval = float(min(max(lowest, 0.0), chosen)), float(chosen), middle
@@ -238,10 +244,10 @@ def floors(sample: LevelSample, slopes: Float64, level: Float64) -> list[float |
     after removal in the half of the sample with less glint. Errors of the kernels grow with glint, and without a limit
     would make pixels of the other half darker. A band with many negative values over water has no limit.
     """
-    calm = (together := slopes @ sample.prediction) <= np.median(together)
+    less_glint = (together := slopes @ sample.prediction) <= np.median(together)
     left = sample.value - slopes[:, None] * np.maximum(sample.prediction - level[:, None], 0)
-    limited = (sample.value[:, calm] < 0).mean(axis=1) < SUBTRACTED
-    known = [b[calm & (b > 0) & within] for b, within in zip(left, limited, strict=True)]
+    limited = (sample.value[:, less_glint] < 0).mean(axis=1) < SUBTRACTED
+    known = [b[less_glint & (b > 0) & within] for b, within in zip(left, limited, strict=True)]
     return [float(k.min()) if len(k) else None for k in known]
 
 
@@ -271,8 +277,8 @@ def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> floa
     """Highest possible NIR of the water, from the `visible` bands (see `shared_level`); infinite if there are none."""
     if visible is None or not visible.any():
         return np.inf
-    calm = (together := slopes @ sample.prediction) <= np.median(together)
-    excess = sample.value[visible][:, calm] / slopes[visible, None] - sample.prediction[visible][:, calm]
+    less = (together := slopes @ sample.prediction) <= np.median(together)
+    excess = sample.value[visible][:, less] / slopes[visible, None] - sample.prediction[visible][:, less]
     return DARKER / (1 - DARKER) * float(np.median(excess, axis=1).min())
 
 

@@ -24,7 +24,7 @@ from .kernels import LagGrams, gather, merge, offsets, solve, unexplained
 from .levels import LEAST_GLINT, span_of
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import predictions
-from .reference import ReferenceRule
+from .reference import fit_reference
 from .request import FitRequest
 from .wiener import SampleTile
 
@@ -104,7 +104,8 @@ def _fitted(
         bands = tuple(every[k] for k in used for _ in offsets(MIXTURE_SIDE))
         indexes.append(GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(MIXTURE_SIDE) * len(used)))
         fits.append(BandFit(band, request.bands[band].name, place, 1.0, None, r2, int(grams.pixels.sum())))
-    rules = tuple(ReferenceRule(r, np.inf, np.inf, 0.0, 1.0) for r in every)
+    measured = (fit_reference(((t.block[r], t.sample) for t in tiles), r) for r in every)
+    rules = tuple(replace(rule, limit=np.inf, least=np.inf) for rule in measured)  # no pixel is too bright for glint
     return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
 
 

@@ -90,7 +90,7 @@ class GlintModel:
     second : tuple of GlintIndex
         Glint indexes for the second kind of strip, in the order of `indexes`; empty without strips.
     signed : bool
-        True if a kernel model also adds light where its prediction is below the level, as after an opening.
+        True if a "wiener" model also adds light where it predicts less than its level: a mixture, after an opening.
     """
 
     method: str

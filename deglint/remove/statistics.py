@@ -213,12 +213,10 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     if len(stats.cells.n) < CLUSTERS:
         unexplained = (1 - explained(stats, slope)) * np.diag(stats.regressed.comoment)[:bands, None]
         return np.sqrt(np.maximum(unexplained, 0) / max(stats.regressed.n - 2, 1) / power)
-    cells = stats.cells
-    away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
-    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    about = _about_the_mean(stats)
     power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
     score = (about[:, :bands, bands:] - slope * power_of_cell) / np.maximum(1 - power_of_cell / power, LEAST_ELSEWHERE)
-    count = len(cells.n)
+    count = len(about)
     return np.sqrt((score**2).sum(axis=0) * (count - 1) / count) / power
 
 
@@ -237,14 +235,13 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     the effective number of cells, (sum p)^2 / sum p^2. It is small if few clumps of sparkle contain most of the glint:
     the error is then uncertain, too (after Carter, Schnepel and Steigerwald 2017).
     """
-    cells, band, (rows, w) = stats.cells, stats.plan.bands.index(fit.band), _references(stats, model, fit)
+    band, (rows, w) = stats.plan.bands.index(fit.band), _references(stats, model, fit)
     power = stats.regressed.comoment[np.ix_(rows, rows)]
     removed = float(w @ power @ w)
-    count = len(cells.n)
+    count = len(stats.cells.n)
     if count < CLUSTERS or not removed > 0:
         return math.inf, 0.0
-    away = cells.mean - stats.regressed.mean
-    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    about = _about_the_mean(stats)
     mixed = about[:, rows][:, :, rows] @ w
     share = mixed @ w / removed
     score = (about[:, rows, band] - mixed) / np.maximum(1 - share, LEAST_ELSEWHERE)[:, None]
@@ -253,6 +250,13 @@ def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tup
     half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T
     spread = half @ half.T * (count - 1) / count
     return math.sqrt(max(float(np.trace(spread @ scaled)), 0.0) / removed), float(1 / (share @ share))
+
+
+def _about_the_mean(stats: SampleStatistics) -> Float64:
+    """Comoments of each cell, (cell, variable, variable), about the mean of the whole sample instead of the cell's."""
+    cells = stats.cells
+    away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
+    return cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
 
 
 def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:

@@ -42,18 +42,14 @@ class Strips:
         and `columns` are the first, and the last + 1, row and column of the window in the scene [pixel].
         """
         kind = np.array([[c == "1" for c in row] for row in self.rows], np.float32)
-        (top, low, down), (left, right, across) = (
-            _between(np.arange(*span), n) for span, n in zip((rows, columns), kind.shape, strict=True)
-        )
-        upper, lower = (kind[row][:, left] * (1 - across) + kind[row][:, right] * across for row in (top, low))
-        return np.asarray(upper * (1 - down[:, None]) + lower * down[:, None], np.float32)
+        down, across = (_hat(np.arange(*span), n) for span, n in zip((rows, columns), kind.shape, strict=True))
+        return np.asarray(down @ kind @ across.T)
 
 
-def _between(places: npt.NDArray[np.int64], count: int) -> tuple[npt.NDArray[np.int64], ...]:
-    """Squares (0 to `count` - 1) centred before and after each row or column in `places`; weight of the one after."""
+def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
+    """Weight of each of `count` squares at each row or column in `places`, (place, square); 1 at its centre."""
     at = np.clip((places + 0.5) / CELL - 0.5, 0, count - 1)
-    first = np.minimum(at.astype(np.int64), count - 1)
-    return first, np.minimum(first + 1, count - 1), (at - first).astype(np.float32)
+    return np.maximum(1 - np.abs(at[:, None] - np.arange(count)), 0).astype(np.float32)
 
 
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:

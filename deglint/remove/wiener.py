@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -104,14 +104,15 @@ def fit(
     fitted = [[k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g)] for some in kinds]
     every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
-    weights, drawn = shared_glint(response, covariance, request)
-    spread = float(weights @ covariance @ weights)
-    sure = not spread > 0 or float(weights @ response) / np.sqrt(spread) > SURE
-    model = _model(request, fitted, strips, rules, (weights, drawn, covariance))
-    noise = float(np.exp(np.log(np.maximum(np.concatenate([k.loss for k in every]), 1e-12)).mean() / 2))
-    if not sure or noise > 1 - kernels.WORTH:
+    common = shared_glint(response, covariance, request)
+    variance = float(common.weights @ covariance @ common.weights)
+    sure = not variance > 0 or float(common.weights @ response) / np.sqrt(variance) > SURE
+    model = replace(_model(request, fitted, common), strips=strips if len(fitted) > 1 else None)
+    model = replace(model, references=tuple(rule for r, rule in rules.items() if r in model.index_bands))
+    left = float(np.exp(np.log(np.maximum(np.concatenate([k.loss for k in every]), 1e-12)).mean() / 2))
+    if not sure or left > 1 - kernels.WORTH:
         why = ": they share no glint" if sure else ", which is not significant"
-        said = f"the NIR takes {max(1 - noise, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
+        said = f"the NIR takes {max(1 - left, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(said,))
     return _with_level(model, learnt, request)
 
@@ -172,10 +173,10 @@ def band_sets(request: FitRequest) -> list[BandSet]:
         own = waves[request.correct[place]] or np.inf
         longer = [i for i in request.more if i != first and waves[i] > own]
         out.setdefault(tuple(dict.fromkeys((first, *others[:1], *longer))), []).append(place)
-    return [BandSet(references, tuple(bands), _supports(references, waves)) for references, bands in out.items()]
+    return [BandSet(references, tuple(bands), _supports_to_try(references, waves)) for references, bands in out.items()]
 
 
-def _supports(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
+def _supports_to_try(references: tuple[int, ...], waves: Sequence[float]) -> tuple[tuple[int, ...], ...]:
     """Supports (side of the kernel on each of `references` [pixel]) to try; `waves`: wavelength of each band [nm]."""
     count = len(references)
     if count == 1:
@@ -215,90 +216,82 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
     """Exclude outliers, and water where the NIR shows the bottom, from the pixels to which kernels are fitted.
 
-    Outliers deviate from their local mean by more than glint does elsewhere, in any band or reference; in a fit to
-    faint glint they have little weight (`faint_weight`) instead. Where the NIR shows the bottom, it does not explain
-    the bands (`UNLIKE`); if waves are resolved, this may be glint, and is not excluded.
+    In a fit to faint glint outliers have little weight (`faint_weight`) instead. If waves are resolved, what looks like
+    bottom may be glint, and is not excluded.
     """
     high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
-    every = list(zip(high, inside, strict=True))
-    tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
-    if tops and not request.faint:
-        limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)[:, None, None]
-        inside = [i & ~grown((np.abs(h) > limits).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
-    if tops and not request.resolved and any(i.any() for i in inside):
-        left = [_unlike(h, i, len(learnt[0].references)) for h, i in zip(high, inside, strict=True)]
-        sample = np.concatenate([v[:, i] for v, i in zip(left, inside, strict=True)], axis=1)
-        limits = UNLIKE * np.percentile(sample, QUARTILE, axis=1)[:, None, None]
-        inside = [i & (v <= limits).all(axis=0) for v, i in zip(left, inside, strict=True)]
+    if not request.faint:
+        inside = _without_outliers(high, inside)
+    if not request.resolved and any(i.any() for i in inside):
+        inside = _without_bottom(high, inside, len(learnt[0].references))
     return [replace(t, teaches=i) for t, i in zip(learnt, inside, strict=True)]
 
 
-def _unlike(high: Float64, inside: Mask, references: int) -> Float64:
-    """Variance of each band around each pixel, (band, row, column), that regression on the first reference leaves.
+def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
+    """Masks `inside` without pixels that deviate from local means by more than glint does elsewhere, in any plane."""
+    every = list(zip(high, inside, strict=True))
+    tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
+    if not tops:
+        return list(inside)
+    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)[:, None, None]
+    return [i & ~grown((np.abs(h) > limits).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
 
-    high : (plane, row, column), all minus local means, finite `inside`: first `references` references, then the bands
+
+def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
+    """Masks `inside` without water where the NIR does not explain the bands (`UNLIKE`), as it shows the bottom.
+
+    high : for each tile (plane, row, column) minus local means; first `references` references, then the bands
     """
-    total = partial(box_sum, side=LOCAL_MEAN)
-    nir, bands = np.where(inside, high[0], 0), np.where(inside, high[references:], 0)
-    power = np.maximum(total(nir * nir), np.finfo(np.float64).tiny)
-    left = [(1 + 1e-9) * total(b * b) - total(b * nir) ** 2 / power for b in bands]  # 1e-9: not below 0 by rounding
-    return np.stack(left) / np.maximum(total(inside.astype(np.float64)), 1)
+    total, left = partial(box_sum, side=LOCAL_MEAN), []
+    for planes, mask in zip(high, inside, strict=True):
+        nir, bands = np.where(mask, planes[0], 0), np.where(mask, planes[references:], 0)
+        power = np.maximum(total(nir * nir), np.finfo(np.float64).tiny)
+        rest = [(1 + 1e-9) * total(b * b) - total(b * nir) ** 2 / power for b in bands]  # 1e-9: not below 0 by rounding
+        left.append(np.stack(rest) / np.maximum(total(mask.astype(np.float64)), 1))
+    sample = np.concatenate([v[:, i] for v, i in zip(left, inside, strict=True)], axis=1)
+    limits = UNLIKE * np.percentile(sample, QUARTILE, axis=1)[:, None, None]
+    return [i & (v <= limits).all(axis=0) for v, i in zip(left, inside, strict=True)]
 
 
-def _model(
-    request: FitRequest, fitted: Sequence[Sequence[KernelFit]], strips: Strips | None, rules: dict[int, ReferenceRule],
-    shared: tuple[Float64, Float64, Float64],
-) -> GlintModel:  # fmt: skip
-    """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses.
-
-    shared : weights and new responses of the bands, as `shared_glint` returns them, and the covariance of responses
-    """
-    weights, response, covariance = shared
-    slopes = [float(s) if s > 0 else 1.0 for s in response]  # change of a band if its NIR increases by 1 everywhere
-    indexes = [_indexes(some, weights, response, slopes) for some in fitted]
+def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
+    """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
+    slopes = [float(s) if s > 0 else 1.0 for s in common.response]  # change of a band if its NIR rises by 1 everywhere
+    indexes = [_indexes(some, common, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
         for k, place in enumerate(f.bands):
-            band, error = request.correct[place], float(np.sqrt(max(covariance[place, place], 0)))
+            band, error = request.correct[place], float(np.sqrt(max(common.covariance[place, place], 0)))
             r2 = float(1 - f.loss[k])
             fits[place] = BandFit(band, request.bands[band].name, place, slopes[place], error, r2, f.pixels)
-    used = {b for some in indexes for i in some for b in i.bands}
-    return GlintModel(
-        "wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names,
-        references=tuple(rule for r, rule in rules.items() if r in used),
-        strips=strips if len(indexes) > 1 else None,
-        second=indexes[1] if len(indexes) > 1 else (),
-    )  # fmt: skip
+    second = indexes[1] if len(indexes) > 1 else ()
+    return GlintModel("wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names, second=second)
 
 
-def _indexes(
-    fitted: Sequence[KernelFit], shared: Float64, response: Float64, slopes: Sequence[float]
-) -> tuple[GlintIndex, ...]:
+def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[float]) -> tuple[GlintIndex, ...]:
     """Glint index of each band: its kernel, changed from the response s to the new response s', divided by its slope.
 
     k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
-    `shared`, scaled to the response 1.
+    of `common`, scaled to the response 1.
     """
     out = {}
     for f in fitted:
-        weights = shared[f.bands]
+        weights = common.weights[f.bands]
         strength = float(weights @ f.response)
-        common = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        drawn = f.coefficients + np.outer(common, response[f.bands] - f.response)
+        kernel = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
+        shifted = f.coefficients + np.outer(kernel, common.response[f.bands] - f.response)
         at = [(r, o) for r, side in zip(f.references, f.support, strict=False) for o in offsets(side)]
         bands, places = zip(*at, strict=True)
         for k, place in enumerate(f.bands):
-            out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in drawn[:, k]), 0.0, places)
+            out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in shifted[:, k]), 0.0, places)
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
-    """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
+def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> LevelSample:
+    """Values from which the levels are determined; `side`: width of the squares of its local means [pixel]."""
     import cv2
 
     slopes = np.array([f.slope for f in model.fits])
-    side = LOCAL_MEAN if request.resolved else kernels.SIDE  # errors of the kernels extend over resolved waves
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -312,7 +305,14 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
             local = np.stack([box_sum(e, side) for e in excess]) / weight
             planes = (found, bands, mean, binomial, local, apart_from_sparkle(together, tile.sample))
             parts.append(tuple(p[..., tile.sample] for p in planes))
-    sample = LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
+    return LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
+
+
+def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
+    """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
+    slopes = np.array([f.slope for f in model.fits])
+    # errors of the kernels extend over resolved waves
+    sample = _level_sample(model, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
     level, interval = shared_level(sample, slopes, visible, resolved=request.resolved)
     error = shared_level_error(sample, slopes, visible, resolved=request.resolved) if request.level_error else None
@@ -320,23 +320,34 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
-    clean = float(np.median(sample.value[green] - slopes[green] * above))
+    warnings = _sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
     least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # posterior means balance errors
     fits = tuple(replace(f, floor=at) for f, at in zip(model.fits, least, strict=True))
-    model = replace(model, indexes=indexes, fits=fits, second=second, level_interval=interval, level_stderr=error)
+    model = replace(model, indexes=indexes, fits=fits, second=second, warnings=warnings)
+    return replace(model, level_interval=interval, level_stderr=error)
+
+
+def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
+    """Warning, if any, of an even sheet of glint (`SHEET`); `green`: median after removal [unit of the band]."""
     lowest, chosen, middle = interval
-    if chosen <= max(SHEET * clean, 0):
-        return model
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "
-        f"{chosen / max(clean, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
+        f"{chosen / max(green, 1e-9):.0%} of the green. Turbid water or haze may be so bright; if it is an even sheet "
         f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
     )
-    return replace(model, warnings=(warning,))
+    return (warning,) if chosen > max(SHEET * green, 0) else ()
 
 
-def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> tuple[Float64, Float64]:
-    r"""Weights that estimate the strength of glint from the bands, and new responses of the bands; (band,) each.
+class CommonGlint(NamedTuple):
+    """Estimate of the glint that is common to the bands, as `shared_glint` makes it."""
+
+    weights: Float64  # (band,), which estimate the strength of glint from the bands
+    response: Float64  # (band,): new responses of the bands
+    covariance: Float64  # (band, band): of the responses that were fitted
+
+
+def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
+    r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
 
     The response of a band is its glint divided by the glint of its NIR: the sum of its kernel. The strength a of glint
     with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
@@ -350,8 +361,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
-        weights = np.linalg.pinv(covariance + tiny) @ response
-        return weights, response
+        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance)
     tried = []
     for colour in _colours(request):
         size = float(np.median(response / colour))
@@ -362,8 +372,8 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
         away = response - size * colour
         scaled = np.linalg.solve(covariance + prior + tiny, away)
         posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        tried.append((float(away @ scaled), weights, posterior))
-    return min(tried, key=lambda t: t[0])[1:]
+        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance)))
+    return min(tried, key=lambda t: t[0])[1]
 
 
 def _colours(request: FitRequest) -> list[Float64]:

@@ -241,7 +241,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     _roles, bands = roles_of(scene, nir)
     try:
         numbers: dict[str, Any] = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
-        roles = Roles(**numbers.pop("roles"))
+        roles = Roles(**{k: v for k, v in numbers.pop("roles").items() if k in Roles.__dataclass_fields__})
         rule = WaterRule(roles=roles, **{k: v for k, v in numbers.items() if k in WaterRule.__dataclass_fields__})
     except (DeglintError, KeyError, TypeError, ValueError):
         return None

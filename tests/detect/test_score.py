@@ -12,6 +12,7 @@ from detect import background, local, rx, threshold
 from detect.pipeline import Recipe, score_file
 from detect.pipeline import scoring as flags
 from detect.pipeline.features import to_wgs84
+from detect.pipeline.plan import water_of_removal
 
 
 @pytest.fixture
@@ -224,6 +225,17 @@ def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
         scores = scores_of(out)
         assert np.isnan(scores[:, :60]).all()
         assert np.isfinite(scores[:, 70:]).mean() > 0.95
+
+
+def test_the_rule_of_water_is_read_from_a_sidecar_with_roles_of_another_version(deglint, scene, tmp_path):
+    out, sidecar = tmp_path / "clean.tif", tmp_path / "clean.tif.json"
+    assert deglint("remove", scene, out, "--method", "hedley").code == 0
+    known = water_of_removal(open_scene(out), 3)
+    numbers = json.loads(sidecar.read_text())
+    numbers["water"]["roles"]["swir"] = None
+    sidecar.write_text(json.dumps(numbers))
+    assert known is not None
+    assert water_of_removal(open_scene(out), 3) == known
 
 
 def test_a_deglinted_scene_is_told_that_rx_is_blind_to_it(rxdetect, deglint, scene, tmp_path):
