@@ -32,7 +32,7 @@ class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
     `sun` is (zenith angle, azimuth), `model` the name of the sky model. Relative to `deglint.physics.sky.reflectance`,
-    which does not interpolate, the error of the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
+    which does not interpolate, the error of the mean is at most 1 %, or 2 % under a clear sky with a low sun.
     """
 
     def __init__(
