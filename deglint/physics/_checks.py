@@ -41,7 +41,8 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str, reme
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
-    `default` is MISSING for a required field. `unit` and `remedy` are as in `within`. `more` is further metadata.
+    `default` is MISSING for a required field; if it is a tuple, a value must have as many numbers. `unit` and `remedy`
+    are as in `within`. `more` is further metadata; with ``whole=True``, the value must be a whole number.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
@@ -63,9 +64,27 @@ class Checked:
             if "allowed" in own.metadata:
                 choice(own.name, value, own.metadata["allowed"])
             if "range" in own.metadata and value is not None:
-                several = isinstance(own.default, tuple) and hasattr(value, "__iter__")
-                for number in value if several else (value,):
-                    check_number(own.name, number, *own.metadata["range"])
+                object.__setattr__(self, own.name, _ranged_value(own, value))
+
+
+def _ranged_value(own: Any, value: Any) -> Any:
+    """Check `value` of the field `own`, made by `ranged`; return it with numbers of Python, as JSON and texts need."""
+    if not isinstance(own.default, tuple):
+        return _ranged_number(own, value)
+    if np.shape(value) != np.shape(own.default):
+        raise InputError(f"{own.name} must be {len(own.default)} numbers, got {value!r}; give as many.")
+    return tuple(_ranged_number(own, number) for number in value)
+
+
+def _ranged_number(own: Any, value: Any) -> Any:
+    """Check one number as in `_ranged_value`, and return it; a whole number becomes an int."""
+    check_number(own.name, value, *own.metadata["range"])
+    number = np.asarray(value).item()
+    if not own.metadata.get("whole"):
+        return number
+    if number != round(number):
+        raise InputError(f"{own.name} must be a whole number, got {number:g}. Round it.")
+    return round(number)
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

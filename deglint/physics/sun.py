@@ -128,12 +128,17 @@ def day_of_year(time: Any) -> Array:
 def moment(time: Any) -> np.datetime64:
     """Convert one time, in a form that `position` accepts, to UTC; fractions of a second are cut off.
 
+    Raises InputError if it is no time.
+
     Examples
     --------
     >>> str(moment("2026-06-21T20:00+02:00"))
     '2026-06-21T18:00:00'
     """
-    return np.datetime64(int(np.floor(_seconds(time))), "s")
+    seconds = _seconds(time)
+    if np.isnan(seconds):
+        raise InputError("time must be like 2026-06-21T18:00Z, got NaT. Leave it out for now.")
+    return np.datetime64(int(np.floor(seconds)), "s")
 
 
 @cache

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import BandError, InputError
 from ..physics import slopes, sun
 from ..physics._checks import Checked, check_number, one_of, ranged
 from ..physics.atmosphere import Air, ozone
@@ -66,7 +66,8 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
-    Raises InputError if a value is out of the range of its model, a band unknown, or the sun unknown or below 1 degree.
+    Raises InputError if a value is out of the range of its model, or the sun unknown or below 1 degree; BandError if a
+    band is unknown, or two bands of the sensor have one name.
 
     Attributes
     ----------
@@ -126,6 +127,10 @@ class Mission(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
+        object.__setattr__(self, "wind", float(self.wind))  # JSON has no numbers of numpy
+        names = [b.name.casefold() for b in self.sensor.bands]
+        if twice := [b.name for i, b in enumerate(self.sensor.bands) if b.name.casefold() in names[:i]]:
+            raise BandError(f"sensor {self.sensor.name} has several bands {twice[0]}; give each a name of its own.")
         for name in self.bands:
             self.sensor.band(name)
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
@@ -342,8 +347,6 @@ def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]
     base = preset(str(own.pop("preset", "thesis")))
     if "band" in values:
         own = {"name": "custom"} | own | {"bands": tuple(_band(b, name) for b in values["band"])}
-    if "bits" in own:
-        own["bits"] = int(own["bits"])
     return replace(base, **own), (bands,) if isinstance(bands, str) else tuple(map(str, bands))
 
 

@@ -198,7 +198,8 @@ def place_words(mission: Mission) -> str:
     if mission.place is None:
         return ""
     latitude, longitude = mission.place[0], (mission.place[1] + 180.0) % 360.0 - 180.0
-    return f"{abs(latitude):.2f}° {'NS'[latitude < 0]}  {abs(longitude):.2f}° {'EW'[longitude < 0]}"
+    north, east = "S" if latitude < 0 else "N", "W" if longitude < 0 else "E"
+    return f"{abs(latitude):.2f}° {north}  {abs(longitude):.2f}° {east}"
 
 
 def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry, y: float) -> float:

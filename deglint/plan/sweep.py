@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import within
+from ..physics._checks import check_number, within
 from .dataset import excluded_share
 from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
@@ -32,11 +32,13 @@ class Moment:
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
-    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start.
+    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start, or if
+    `minutes` is not 0.02 to 1e6.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
         raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
+    check_number("minutes", minutes, 0.02, 1e6, "", "Give the minutes from one time to the next, such as 30.")
     step = np.timedelta64(round(60 * minutes), "s")
     return [first + k * step for k in range(int((last - first) / step) + 1)]
 

@@ -35,7 +35,7 @@ class Artefacts(Checked):
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
     resampling: Kernel | None = one_of(None, (None, *KERNELS))
-    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.")
+    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.", whole=True)
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
@@ -66,5 +66,5 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     import cv2
 
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.rint(levels * (np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)) / 255.0) ** 2).astype(np.uint16)
