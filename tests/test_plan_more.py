@@ -360,7 +360,7 @@ def test_a_mission_survives_its_tables():
         ({"sensor": {"bits": 11.5}}, r"bits must be a whole number, got 11\.5\. Round it"),
         (
             {"sensor": {"band": [{"name": n, "low": 500, "high": 600, "full_scale": 1} for n in "aA"]}},
-            "several bands A",
+            "two bands of .* have one name: a, A. Give",
         ),
         ({"sensor": {"bits": float("nan")}}, "bits in .sensor. must be a number, got nan"),
         ({"sensor": {"band": [{"name": "x"}]}}, "has name, low, high"),

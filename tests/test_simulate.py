@@ -13,7 +13,7 @@ from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
 from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array, whitecaps
-from deglint.simulate.artefacts import KERNELS
+from deglint.simulate.artefacts import Kernel
 from deglint.simulate.facets import Facets
 from deglint.simulate.scene import Light
 from deglint.simulate.setup import SlopeModel, experiments
@@ -467,7 +467,7 @@ def test_help_names_what_there_is():
     command = import_module("deglint.cli.simulate")
     assert tuple(PRESETS) == command.SENSOR_NAMES
     assert sky.SKY_MODELS == command.SKY_NAMES
-    assert KERNELS == command.KERNEL_NAMES
+    assert get_args(Kernel) == command.KERNEL_NAMES
     assert get_args(SlopeModel) == command.SIMULATED_SLOPES
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
 

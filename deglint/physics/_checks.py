@@ -64,27 +64,20 @@ class Checked:
             if "allowed" in own.metadata:
                 choice(own.name, value, own.metadata["allowed"])
             if "range" in own.metadata and value is not None:
-                object.__setattr__(self, own.name, _ranged_value(own, value))
+                object.__setattr__(self, own.name, _ranged_value(own, value, own.default))
 
 
-def _ranged_value(own: Any, value: Any) -> Any:
-    """Check `value` of the field `own`, made by `ranged`; return it with numbers of Python, as JSON and texts need."""
-    if not isinstance(own.default, tuple):
-        return _ranged_number(own, value)
-    if np.shape(value) != np.shape(own.default):
-        raise InputError(f"{own.name} must be {len(own.default)} numbers, got {value!r}; give as many.")
-    return tuple(_ranged_number(own, number) for number in value)
-
-
-def _ranged_number(own: Any, value: Any) -> Any:
-    """Check one number as in `_ranged_value`, and return it; a whole number becomes an int."""
+def _ranged_value(own: Any, value: Any, default: Any) -> Any:
+    """Check the value of the field `own`, made by `ranged`; return it as numbers of Python, as JSON and texts need."""
+    if isinstance(default, tuple):
+        if np.shape(value) != np.shape(default):
+            raise InputError(f"{own.name} must be {len(default)} numbers, got {value!r}; give as many.")
+        return tuple(_ranged_value(own, number, None) for number in value)
     check_number(own.name, value, *own.metadata["range"])
     number = np.asarray(value).item()
-    if not own.metadata.get("whole"):
-        return number
-    if number != round(number):
+    if own.metadata.get("whole") and number != round(number):
         raise InputError(f"{own.name} must be a whole number, got {number:g}. Round it.")
-    return round(number)
+    return round(number) if own.metadata.get("whole") else number
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

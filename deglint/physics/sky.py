@@ -69,9 +69,8 @@ def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike
         return 1.0 / np.pi + 0.0 * cosine
     if model == "cardioidal":
         return (1.0 + 2.0 * cosine) / (np.pi * (1.0 + 4.0 / 3.0))
-    sun_cosine, total = (
-        np.asarray(a, cosine.dtype) for a in (np.cos(np.radians(sun_zenith)), _clear_total(np.asarray(sun_zenith)))
-    )
+    total = chebyshev.chebval(np.asarray(sun_zenith) / 45.0 - 1.0, _clear_fit())
+    sun_cosine, total = (np.asarray(a, cosine.dtype) for a in (np.cos(np.radians(sun_zenith)), total))
     return _glow(cosine, towards, sun_cosine) / total
 
 
@@ -169,15 +168,11 @@ def _glow(cosine: Array, towards: Array, sun_cosine: Array) -> Array:
     return glow * (1.0 - np.exp(-0.19 / np.maximum(cosine, 1e-9)))
 
 
-def _clear_total(sun_zenith: Array) -> Array:
-    """Integral over the sky of `_glow` times cos(zenith angle), as a polynomial of the sun zenith angle [degree]."""
-    return np.asarray(chebyshev.chebval(sun_zenith / 45.0 - 1.0, _clear_fit()), dtype=np.float64)
-
-
 @cache
 def _clear_fit() -> Array:
-    """Chebyshev coefficients (15,) of the clear sky's irradiance by the sun's zenith angle, for `_clear_total`.
+    """Chebyshev coefficients (15,) of the integral over the sky of `_glow` times cos(zenith angle).
 
+    They are those of a polynomial of the sun zenith angle [degree] divided by 45, minus 1.
     Radiance is integrated by Gauss-Legendre quadrature over the cosine of zenith, the trapezoidal rule over azimuth.
     """
     x = chebyshev.chebpts1(15)

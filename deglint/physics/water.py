@@ -26,8 +26,6 @@ from ._checks import Array, sun_angle, within
 from .iops import Iops
 from .tables import load
 
-LEE_SUN_LIMIT, LEE_VIEW_LIMIT = 75.0, 70.0
-"""Largest sun and view zenith angles of the table of Lee et al. (2011) [degree]."""
 _SKY_REFLECTANCE = 0.066  # reflectance of a calm sea for diffuse light from the sky [1]
 _TURNED_BACK = 0.48  # share of upwelling light that the surface reflects back into the water [1]
 
@@ -71,9 +69,9 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
-    sun, view = np.minimum(sun_zenith, LEE_SUN_LIMIT), np.minimum(view_zenith, LEE_VIEW_LIMIT)
     corners = []
-    for axis, angle in zip(axes, np.broadcast_arrays(sun, view, turn), strict=True):
+    for axis, given in zip(axes, np.broadcast_arrays(sun_zenith, view_zenith, turn), strict=True):
+        angle = np.minimum(given, axis[-1])
         low = np.clip(np.searchsorted(axis, angle, side="right") - 1, 0, axis.size - 2)
         share = (angle - axis[low]) / (axis[low + 1] - axis[low])
         corners.append(((low, 1.0 - share), (low + 1, share)))

@@ -128,9 +128,11 @@ class Mission(Checked):
         super().__post_init__()
         check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
         object.__setattr__(self, "wind", float(self.wind))  # JSON has no numbers of numpy
-        names = [b.name.casefold() for b in self.sensor.bands]
-        if twice := [b.name for i, b in enumerate(self.sensor.bands) if b.name.casefold() in names[:i]]:
-            raise BandError(f"sensor {self.sensor.name} has several bands {twice[0]}; give each a name of its own.")
+        if len({b.name.casefold() for b in self.sensor.bands}) < len(self.sensor.bands):
+            names = ", ".join(b.name for b in self.sensor.bands)
+            raise BandError(
+                f"two bands of sensor {self.sensor.name} have one name: {names}. Give each a name of its own."
+            )
         for name in self.bands:
             self.sensor.band(name)
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
@@ -227,16 +229,13 @@ class Mission(Checked):
 
 Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
 
-_TABLES: dict[str, dict[str, str]] = {  # table: {key: field of `Mission`, or "" where it is none}
-    "place": {}, "sun": {}, "wind": {}, "air": {f.name: "" for f in fields(Air) if "wind" not in f.name}, "water": {},
-    "object": {}, "sensor": dict.fromkeys(("preset", "bands", "band", *(f.name for f in fields(Sensor))), ""),
-    "limits": {f.name: "" for f in fields(Limits)}, "view": {}, "models": {},
+# (table, key) of a mission file: field of `Mission`
+_FIELDS = {tuple(f.metadata["file"].split(".")): f.name for f in fields(Mission) if "file" in f.metadata}
+_KEYS: dict[str, tuple[str, ...]] = {  # further keys of each table
+    "place": (), "sun": (), "wind": ("mean",), "air": tuple(f.name for f in fields(Air) if "wind" not in f.name),
+    "water": (), "object": (), "sensor": ("preset", "bands", "band", *(f.name for f in fields(Sensor))),
+    "limits": tuple(f.name for f in fields(Limits)), "view": (), "models": (),
 }  # fmt: skip
-for _field in fields(Mission):
-    if "file" in _field.metadata:
-        _table, _key = _field.metadata["file"].split(".")
-        _TABLES[_table][_key] = _field.name
-_TABLES["wind"]["mean"] = ""
 # keys whose values are no numbers
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
 # pressure of one unit [hPa]
@@ -254,15 +253,11 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     read: dict[str, dict[str, Any]] = {}
     for table, values in tables.items():
         known = "view" if table == "look" else table  # [look] is the old name of [view]
-        if known not in _TABLES:
-            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
-        read[known] = _read(table, values, _TABLES[known], name)
-    given = {
-        field: read[table][key]
-        for table, keys in _TABLES.items()
-        for key, field in keys.items()
-        if field and key in read.get(table, {})
-    }
+        if known not in _KEYS:
+            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _KEYS)}.")
+        keys = [key for other, key in _FIELDS if other == known]
+        read[known] = _read(table, values, (*keys, *_KEYS[known]), name)
+    given = {own: read[table][key] for (table, key), own in _FIELDS.items() if key in read.get(table, {})}
     if isinstance(given.get("time"), date) and not isinstance(given["time"], datetime):
         raise InputError(f"{name}: time in [place] is a date without an hour. Write 2026-06-21T18:00:00Z.")
     if "sensor" in read:
@@ -278,9 +273,9 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     """Convert a mission, with its defaults, to tables {table: {key: value}} that `mission_from` can read."""
-    out = {
-        table: {key: getattr(mission, field) for key, field in keys.items() if field} for table, keys in _TABLES.items()
-    }
+    out: dict[str, dict[str, Any]] = {table: {} for table in _KEYS}
+    for (table, key), own in _FIELDS.items():
+        out[table][key] = getattr(mission, own)
     out["place"]["time"] = None if mission.moment is None else f"{mission.moment}Z"
     air = asdict(mission.weather)
     del air["wind"]
@@ -354,8 +349,6 @@ def _band(values: Any, name: str) -> SensorBand:
     read = _read("sensor.band", values, [f.name for f in fields(SensorBand)], name)
     if not {"name", "low", "high", "full_scale"} <= set(read):
         raise InputError(f"{name}: a [[sensor.band]] has name, low, high [nm] and full_scale [W m-2 sr-1 nm-1].")
-    if not 300.0 <= read["low"] < read["high"] or read["low"] > 999.0 or read["full_scale"] <= 0.0:
-        raise InputError(
-            f"{name}: band {read['name']} must have 300 <= low < high (low to 999 nm), full_scale above 0."
-        )
+    if not 300.0 <= read["low"] < read["high"] or read["low"] > 999.0:
+        raise InputError(f"{name}: band {read['name']} must have 300 <= low < high (low to 999 nm).")
     return SensorBand(**read | {"name": str(read["name"])})

@@ -14,7 +14,6 @@ from ..physics._checks import Checked, Floats, one_of, ranged
 Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
-KERNELS = get_args(Kernel)
 GRID_SHIFT = 0.5
 """Offset of the sensor's grid from the map's grid, down and right [pixel]; resampling by half a pixel blurs most."""
 
@@ -34,7 +33,7 @@ class Artefacts(Checked):
     """
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
-    resampling: Kernel | None = one_of(None, (None, *KERNELS))
+    resampling: Kernel | None = one_of(None, (None, *get_args(Kernel)))
     jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.", whole=True)
 
 
