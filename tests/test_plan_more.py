@@ -357,7 +357,7 @@ def test_a_mission_survives_its_tables():
         ({"wind": 7}, "wind must be a table"),
         ({"sensor": {"preset": "nonsense"}}, "preset must be one of thesis"),
         ({"sensor": {"bands": 5}}, "bands in .sensor. must be a list, got 5"),
-        ({"sensor": {"bits": 11.5}}, r"bits must be a whole number, got 11\.5\. Round it"),
+        ({"sensor": {"bits": 11.5}}, r"bits must be an integer, got 11\.5\. Round it"),
         (
             {"sensor": {"band": [{"name": n, "low": 500, "high": 600, "full_scale": 1} for n in "aA"]}},
             "two bands of .* have one name: a, A. Give",

@@ -42,7 +42,7 @@ def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
     `default` is MISSING for a required field; if it is a tuple, a value must have as many numbers. `unit` and `remedy`
-    are as in `within`. `more` is further metadata; with ``whole=True``, the value must be a whole number.
+    are as in `within`. `more` is further metadata; with ``integer=True``, the value must be an integer.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
@@ -75,9 +75,9 @@ def _ranged_value(own: Any, value: Any, default: Any) -> Any:
         return tuple(_ranged_value(own, number, None) for number in value)
     check_number(own.name, value, *own.metadata["range"])
     number = np.asarray(value).item()
-    if own.metadata.get("whole") and number != round(number):
-        raise InputError(f"{own.name} must be a whole number, got {number:g}. Round it.")
-    return round(number) if own.metadata.get("whole") else number
+    if own.metadata.get("integer") and number != round(number):
+        raise InputError(f"{own.name} must be an integer, got {number:g}. Round it.")
+    return round(number) if own.metadata.get("integer") else number
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

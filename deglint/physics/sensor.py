@@ -53,13 +53,12 @@ class SensorBand(Checked):
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Checked):
-    """Optics, detector and bands of a sensor.
+    """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError without bands.
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
     aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a pixel, 1 to 16.
     `smear` is the motion during the exposure, along the columns of the image [pixel], and `jitter` the standard
     deviation of the line of sight along each axis [pixel].
-    Raises InputError for a value out of range, BandError without bands.
     """
 
     name: str
@@ -74,7 +73,7 @@ class Sensor(Checked):
     well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
     read_noise: float = ranged(12.0, 0.0, 1e9, "electrons", "It is a standard deviation, 0 for none.")
     dark_current: float = ranged(0.0, 0.0, 1e9, "electrons/s", "Give that of a pixel, 0 for none.")
-    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.", whole=True)
+    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.", integer=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import BandError, InputError
 from ..physics import slopes, sun
 from ..physics._checks import Checked, check_number, one_of, ranged
-from ..physics.atmosphere import Air, ozone
+from ..physics.atmosphere import CLEAR_AIR, Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from ..physics.sky import SKY_MODELS as SKIES
@@ -96,7 +96,7 @@ class Mission(Checked):
     limits : Limits
         Limits beyond which a viewing geometry is excluded.
     step, widest : float
-        Step between viewing geometries, and the largest zenith angle of the sensor [degree].
+        Step between viewing geometries, rounded to fit into `widest` and 360; largest zenith angle of the sensor.
     """
 
     # `file` is the table and key of a field in a mission file
@@ -170,7 +170,7 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time of the plan (UTC), by default the current time; None if neither time nor latitude is given."""
+        """Time of the plan (UTC), by default when it is first read; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
@@ -197,7 +197,7 @@ class Mission(Checked):
         if self.air is not None:
             return replace(self.air, wind=ten)
         usual = 300.0 if self.place is None or self.day is None else float(ozone(*self.place, self.day))
-        return Air(water_vapour=2.5, visibility=40.0, wind=ten, wind_mean=ten, ozone=usual)
+        return replace(CLEAR_AIR, wind=ten, wind_mean=ten, ozone=usual)
 
     @property
     def slope_wind(self) -> Wind:

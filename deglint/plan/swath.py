@@ -191,7 +191,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Values for JSON: mission, field of view, glint for every heading, the best heading, and the alternatives."""
+    """Values for `plain`, then JSON: mission, field of view, glint for every heading, best heading, alternatives."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

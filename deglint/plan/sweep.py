@@ -103,7 +103,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """Values for JSON: the mission, the summary of the best time, and the summaries of all times."""
+    """Values for `plain`, then JSON: the mission, the summary of the best time, and the summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -123,7 +123,7 @@ class WindEnsemble:
         within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
-        speeds = np.unique(np.round([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind], 9))
+        speeds = np.unique(np.round([*np.linspace(low, high, SPEEDS), mission.wind], 9))
         around = np.linspace(-turn, turn, TURNS)[turn == 180.0 :] if turn else np.zeros(1)  # -180 and 180 are one
         self.winds = speeds.tolist(), ((mission.wind_from + around) % 360.0).tolist()  # [m/s], [degree]
         coarse = mission.coarse()
@@ -157,7 +157,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Values for JSON: winds, intervals at the best geometry, share of winds that exclude each viewing geometry."""
+        """Values for `plain`, then JSON: winds, intervals at the best geometry, share of winds that exclude each."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

@@ -34,7 +34,7 @@ class Artefacts(Checked):
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
     resampling: Kernel | None = one_of(None, (None, *get_args(Kernel)))
-    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.", whole=True)
+    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.", integer=True)
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:

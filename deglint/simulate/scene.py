@@ -12,7 +12,7 @@ from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, digitise
-from ..physics.surface import by_rows
+from ..physics.surface import on_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .cover import Cover
 from .facets import Facets
@@ -250,8 +250,7 @@ class _Shot:
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
-        # arrays of truth and glint, and offset of their grid [pixel]: the grid of the map, then that of the sensor if
-        # the image is resampled
+        # (truth and glint, offset [pixel]) on the grid of the map and, if that is another one, on that of the sensor
         self.grids = [(np.empty((2, *self.water.shape), np.float32), 0.0)]
         if setup.artefacts.resampling:
             self.grids.append((np.empty((2, *self.water.shape), np.float32), GRID_SHIFT))
@@ -282,7 +281,7 @@ class _Shot:
                 if artefacts.jpeg:
                     out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
 
-        by_rows(draw, len(radiance), self.workers)
+        on_rows(draw, len(radiance), self.workers)
         return out
 
     def finished(

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics._checks import Checked, check_number, one_of, ranged
-from ..physics.atmosphere import Air
+from ..physics.atmosphere import CLEAR_AIR, Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
 from ..physics.sky import SKY_MODELS as SKIES
@@ -87,7 +87,7 @@ class Setup(Checked):
     """
 
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
-    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes instead.", whole=True)
+    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes instead.", integer=True)
     wind: float = ranged(5.0, SPECTRA_WIND_RANGE[0], STRONGEST_WIND, "m/s", "The models hold in this range only.")
     wind_from: float = 30.0
     spectrum: Spectrum = "elfouhaily"
@@ -108,13 +108,13 @@ class Setup(Checked):
     coast: float = 0.0
     foam: float = ranged(0.0, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
     targets: tuple[FloatingTarget, ...] = ()
-    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.", whole=True)
+    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.", integer=True)
     patch: float = ranged(0.005, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
     misregistration: tuple[tuple[float, float], ...] = ()
     artefacts: Artefacts = field(default_factory=Artefacts)
     glint_threshold: float = ranged(0.25, 0.0, 1e6, "", "Give a share of the radiance without glint, such as 0.25.")
     domain: float | None = ranged(None, 0.0, 1e7, "m", "Give the least side of the sea.")
-    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.", whole=True)
+    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.", integer=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -175,8 +175,7 @@ class Setup(Checked):
     @property
     def weather(self) -> Air:
         """State of the atmosphere: `air`, or the default if it is None."""
-        wind = float(self.wind)
-        return self.air or Air(visibility=40.0, humidity=80.0, water_vapour=2.5, wind=wind, wind_mean=wind)
+        return self.air or replace(CLEAR_AIR, wind=float(self.wind), wind_mean=float(self.wind))
 
     @property
     def slope_variance(self) -> tuple[float, float]:

@@ -196,7 +196,7 @@ def test_a_shift_looks_further_down_and_right():
         (lambda: THESIS.band("cirrus"), BandError, "it has COASTAL"),
         (lambda: replace(THESIS, pitch=8.0), InputError, "pitch must be 1e-07 to 0.001 m, got 8"),
         (lambda: replace(THESIS, bits=20), InputError, "bits must be 1 to 16"),
-        (lambda: replace(THESIS, bits=11.5), InputError, "bits must be a whole number, got 11.5. Round it."),
+        (lambda: replace(THESIS, bits=11.5), InputError, "bits must be an integer, got 11.5. Round it."),
         (lambda: replace(THESIS, dark_current=-1e9), InputError, "dark_current must be 0 to 1e+09 electrons/s"),
         (lambda: replace(THESIS, read_noise=-5.0), InputError, "read_noise must be 0 to 1e+09 electrons"),
         (lambda: replace(THESIS, smear=-0.5), InputError, "smear must be 0 to 1000 pixels, got -0.5"),
