@@ -320,8 +320,14 @@ def test_what_no_model_holds_for_is_refused(changes, said):
 
 
 def test_numbers_of_numpy_become_those_of_python():
-    made = Mission(latitude=np.float64(-36.8), longitude=np.float32(-122.0), time="2026-06-21T21:00Z",
-                   wind=np.float32(7.0), step=np.float64(5.0), depth=np.array(3.0))  # fmt: skip
+    made = Mission(
+        latitude=np.float64(-36.8),
+        longitude=np.float32(-122.0),
+        time="2026-06-21T21:00Z",
+        wind=np.float32(7.0),
+        step=np.float64(5.0),
+        depth=np.array(3.0),
+    )
     assert json.loads(json.dumps(summary(reticle(made))))["mission"]["wind"]["speed"] == 7.0
     assert place_words(made) == "36.80° S  122.00° W"
     assert place_words(replace(made, latitude=np.float32(36.8), longitude=np.float64(122.0))) == "36.80° N  122.00° E"

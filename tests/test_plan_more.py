@@ -211,12 +211,15 @@ def test_without_a_place_only_the_view_angle_is_worked_out():
 @pytest.mark.parametrize(
     ("sun", "across", "said"),
     [
-        ({"latitude": 20.0, "longitude": -157.0, "time": "2026-06-21T22:00Z"}, 120.0,
-         "No other time of the day and no tilt up to 10 degrees is much better"),
+        (
+            {"latitude": 20.0, "longitude": -157.0, "time": "2026-06-21T22:00Z"},
+            120.0,
+            "No other time of the day and no tilt up to 10 degrees is much better",
+        ),
         ({"sun_zenith": 30.0, "sun_azimuth": 180.0}, 120.0, "No tilt up to 10 degrees is much better"),
         ({"sun_zenith": 30.0, "sun_azimuth": 180.0}, 150.0, "No other time and no tilt could be tried"),
     ],
-)  # fmt: skip
+)
 def test_only_what_was_tried_is_said_to_be_no_better(sun, across, said):
     mission = Mission(**sun, wind=12.0, limits=Limits(glint=1e-12))
     line = Line(mission, FieldOfView(across=across))

@@ -120,8 +120,9 @@ class Mission(Checked):
     sky: str = one_of("harrison-coombes", SKIES, file="models.sky")
     water: Literal["scattering", "absorption"] = one_of("scattering", WATERS, file="water.model")
     limits: Limits = field(default_factory=Limits)
-    step: float = ranged(1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.",
-                         file="view.step")  # fmt: skip
+    step: float = ranged(
+        1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.", file="view.step"
+    )
     widest: float = ranged(80.0, 10, 85, "degrees", "Nearer to the horizon waves hide each other.", file="view.widest")
 
     def __post_init__(self) -> None:

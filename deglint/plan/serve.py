@@ -107,8 +107,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: HTTPStatus, kind: str, text: str) -> None:
         body = text.encode()
         self.send_response(status)
-        for name, value in {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
-                            "Content-Security-Policy": _POLICY}.items():  # fmt: skip
+        headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+        for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
@@ -159,5 +159,5 @@ def _start(base: Mission) -> dict[str, Any]:
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
     sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
     frame = {"width": WIDTH, "height": HEIGHT, "x": DISC_CENTRE[0], "y": DISC_CENTRE[1], "radius": DISC_RADIUS}
-    return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
-            "strongest": base.strongest_wind}  # fmt: skip
+    start = {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name}
+    return start | {"frame": frame, "strongest": base.strongest_wind}

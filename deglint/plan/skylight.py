@@ -26,6 +26,11 @@ class Wind(NamedTuple):
     blows_from: float
     model: str
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of `deglint.physics.glint.sun_glint`."""
+        return {"wind": self.speed, "wind_from": self.blows_from, "model": self.model}
+
 
 class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
