@@ -1,5 +1,6 @@
 """The planner against published numbers, the room it builds on, brute force, other programs and the simulator."""
 
+import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from deglint.physics.iops import case1
 from deglint.physics.presets import preset
 from deglint.physics.sensor import SensorBand, electrons, noise_equivalent_radiance
 from deglint.plan import Limits, Mission, reticle
+from deglint.plan.dataset import summary
+from deglint.plan.picture import place_words
 from deglint.plan.reticle import Light
 
 TABLES = Path(__file__).parents[1].parent / "shared" / "tables"
@@ -304,6 +307,7 @@ def test_what_saturates_is_not_detectable():
         ({"sun_zenith": None}, "go together"),
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
+        ({"time": np.datetime64("NaT")}, "time must be like 2026-06-21T18:00Z, got NaT"),
         ({"slopes": "nonsense"}, "slopes must be one of cox-munk"),
         ({"step": 0.0}, "step must be 0.25 to 10"),
         ({"widest": 90.0}, "widest must be"),
@@ -313,6 +317,20 @@ def test_what_no_model_holds_for_is_refused(changes, said):
     with pytest.raises(InputError, match=said) as caught:
         reticle(mission(**changes))
     assert "\n" not in str(caught.value)
+
+
+def test_numbers_of_numpy_become_those_of_python():
+    made = Mission(
+        latitude=np.float64(-36.8),
+        longitude=np.float32(-122.0),
+        time="2026-06-21T21:00Z",
+        wind=np.float32(7.0),
+        step=np.float64(5.0),
+        depth=np.array(3.0),
+    )
+    assert json.loads(json.dumps(summary(reticle(made))))["mission"]["wind"]["speed"] == 7.0
+    assert place_words(made) == "36.80° S  122.00° W"
+    assert place_words(replace(made, latitude=np.float32(36.8), longitude=np.float64(122.0))) == "36.80° N  122.00° E"
 
 
 def test_limits_are_numbers():

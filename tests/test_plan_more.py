@@ -15,7 +15,7 @@ from deglint.plan.draw import MAGENTA, png
 from deglint.plan.mission import merged, mission_from, pressure, tables_of
 from deglint.plan.picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, layers, picture
 from deglint.plan.reticle import MARGIN, best_geometry, compass, one_in, quality, sentence
-from deglint.plan.swath import FieldOfView, Line, alternatives, viewing_geometries
+from deglint.plan.swath import Alternative, FieldOfView, Line, alternatives, viewing_geometries
 from deglint.plan.swath import words as sentences
 from deglint.plan.sweep import WindEnsemble, best_moment, next_daylight, plans, table, times
 
@@ -122,6 +122,8 @@ def test_a_night_has_no_best_time():
 
 
 def test_spans_of_time_that_cannot_be():
+    with pytest.raises(InputError, match=r"minutes must be 0\.02 to 1e"):
+        times("2026-06-21T18:00Z", "2026-06-21T19:00Z", 0.005)
     with pytest.raises(InputError, match="must not lie before"):
         times("2026-06-21T11:00Z", "2026-06-21T10:00Z", 30)
     with pytest.raises(InputError, match="needs a place"):
@@ -204,6 +206,37 @@ def test_without_a_place_only_the_view_angle_is_worked_out():
     storm = Mission(sun_zenith=30.0, sun_azimuth=100.0, wind=19.0, limits=Limits(glint=1e-9))
     line = Line(storm, FieldOfView(across=60.0))
     assert "wait for less wind" in sentences(line, alternatives(storm, line))[-1]
+
+
+@pytest.mark.parametrize(
+    ("sun", "across", "said"),
+    [
+        (
+            {"latitude": 20.0, "longitude": -157.0, "time": "2026-06-21T22:00Z"},
+            120.0,
+            "No other time of the day and no tilt up to 10 degrees is much better",
+        ),
+        ({"sun_zenith": 30.0, "sun_azimuth": 180.0}, 120.0, "No tilt up to 10 degrees is much better"),
+        ({"sun_zenith": 30.0, "sun_azimuth": 180.0}, 150.0, "No other time and no tilt could be tried"),
+    ],
+)
+def test_only_what_was_tried_is_said_to_be_no_better(sun, across, said):
+    mission = Mission(**sun, wind=12.0, limits=Limits(glint=1e-12))
+    line = Line(mission, FieldOfView(across=across))
+    assert sentences(line, alternatives(mission, line))[-1] == f"{said}: wait for less wind."
+
+
+@pytest.mark.parametrize(
+    ("tilt", "said"),
+    [
+        ({"pitch": 20.0}, "look 20 degrees forward and fly"),
+        ({"roll": -20.0}, "look 20 degrees to the left and fly"),
+        ({"pitch": -20.0, "roll": 35.0}, "look 20 degrees back and 35 degrees to the right and fly"),
+    ],
+)
+def test_a_recommended_view_angle_is_the_whole_tilt(tilt, said):
+    one = Alternative(heading=90.0, fraction=0.01, time=None, **({"pitch": 0.0, "roll": 0.0} | tilt))
+    assert said in sentences(Line(BAY, FieldOfView(roll=tilt.get("roll", 0.0))), (one,))[1]
 
 
 def test_text_and_picture_agree_on_the_worst_heading():
@@ -327,6 +360,11 @@ def test_a_mission_survives_its_tables():
         ({"wind": 7}, "wind must be a table"),
         ({"sensor": {"preset": "nonsense"}}, "preset must be one of thesis"),
         ({"sensor": {"bands": 5}}, "bands in .sensor. must be a list, got 5"),
+        ({"sensor": {"bits": 11.5}}, r"bits must be an integer, got 11\.5\. Round it"),
+        (
+            {"sensor": {"band": [{"name": n, "low": 500, "high": 600, "full_scale": 1} for n in "aA"]}},
+            "two bands of .* have one name: a, A. Give",
+        ),
         ({"sensor": {"bits": float("nan")}}, "bits in .sensor. must be a number, got nan"),
         ({"sensor": {"band": [{"name": "x"}]}}, "has name, low, high"),
         ({"sensor": {"band": [{"name": "x", "low": 500, "high": 400, "full_scale": 1}]}}, "low < high"),

@@ -13,7 +13,7 @@ from deglint.physics.atmosphere import Air
 from deglint.physics.presets import PRESETS, preset
 from deglint.physics.spectra import dispersion
 from deglint.simulate import Setup, SubmergedObject, simulate, square, thesis_array, whitecaps
-from deglint.simulate.artefacts import KERNELS
+from deglint.simulate.artefacts import Kernel
 from deglint.simulate.facets import Facets
 from deglint.simulate.scene import Light
 from deglint.simulate.setup import SlopeModel, experiments
@@ -343,7 +343,16 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
     [
         ({"wind": 30.0}, "wind must be"),
         ({"wind": float("nan")}, "wind must be a finite number, got nan"),
+        ({"wind": 19.7, "sensor": preset("sentinel2")}, "wind must be 1 to 19.6 m/s, got 19.7"),
         ({"seed": -1}, "seed must be 0 to"),
+        ({"seed": 0.5}, "seed must be an integer, got 0.5"),
+        ({"size": (64.5, 64)}, "size must be an integer, got 64.5"),
+        ({"size": (64,)}, "size must be 2 numbers, got (64,)"),
+        ({"size": 64}, "size must be 2 numbers, got 64"),
+        ({"glint_threshold": float("nan")}, "glint_threshold must be a finite number"),
+        ({"glint_threshold": -1.0}, "glint_threshold must be 0 to"),
+        ({"domain": float("inf")}, "domain must be 0 to 1e+07 m, got inf"),
+        ({"domain": float("nan")}, "domain must be a finite number"),
         ({"sun_zenith": 85.0}, "sun_zenith must be 0 to 80 degrees, got 85"),
         ({"view_zenith": 75.0}, "view_zenith must be 0 to 70"),
         ({"sensor": THESIS.delayed(5.0)}, "time offsets of the bands must span at most"),
@@ -360,7 +369,7 @@ def test_experiments_are_all_combinations_with_names_of_their_own():
 )
 def test_what_cannot_be_is_refused_in_one_line(change, words):
     with pytest.raises(InputError) as caught:
-        Facets(replace(SMALL, **({"size": (16, 16)} if "domain" in change else {}), **change))
+        Facets(replace(SMALL, **({"size": (16, 16)} if change == {"domain": 2.0} else {}), **change))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -458,7 +467,7 @@ def test_help_names_what_there_is():
     command = import_module("deglint.cli.simulate")
     assert tuple(PRESETS) == command.SENSOR_NAMES
     assert sky.SKY_MODELS == command.SKY_NAMES
-    assert KERNELS == command.KERNEL_NAMES
+    assert get_args(Kernel) == command.KERNEL_NAMES
     assert get_args(SlopeModel) == command.SIMULATED_SLOPES
     assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
 

@@ -41,7 +41,8 @@ def check_number(name: str, value: Any, low: float, high: float, unit: str, reme
 def ranged(default: Any, low: float, high: float, unit: str, remedy: str, **more: Any) -> Any:
     """Make a field of a `Checked` dataclass whose value must be a number in [low, high], or None; NaN is not allowed.
 
-    `default` is MISSING for a required field. `unit` and `remedy` are as in `within`. `more` is further metadata.
+    `default` is MISSING for a required field; if it is a tuple, a value must have as many numbers. `unit` and `remedy`
+    are as in `within`. `more` is further metadata; with ``integer=True``, the value must be an integer.
     """
     return field(default=default, metadata={"range": (low, high, unit, remedy), **more})
 
@@ -63,9 +64,20 @@ class Checked:
             if "allowed" in own.metadata:
                 choice(own.name, value, own.metadata["allowed"])
             if "range" in own.metadata and value is not None:
-                several = isinstance(own.default, tuple) and hasattr(value, "__iter__")
-                for number in value if several else (value,):
-                    check_number(own.name, number, *own.metadata["range"])
+                object.__setattr__(self, own.name, _ranged_value(own, value, own.default))
+
+
+def _ranged_value(own: Any, value: Any, default: Any) -> Any:
+    """Check the value of the field `own`, made by `ranged`; return it as numbers of Python, as JSON and texts need."""
+    if isinstance(default, tuple):
+        if np.shape(value) != np.shape(default):
+            raise InputError(f"{own.name} must be {len(default)} numbers, got {value!r}; give as many.")
+        return tuple(_ranged_value(own, number, None) for number in value)
+    check_number(own.name, value, *own.metadata["range"])
+    number = np.asarray(value).item()
+    if own.metadata.get("integer") and number != round(number):
+        raise InputError(f"{own.name} must be an integer, got {number:g}. Round it.")
+    return round(number) if own.metadata.get("integer") else number
 
 
 def sun_angle(sun_zenith: npt.ArrayLike) -> Array:

@@ -55,6 +55,9 @@ class Air(Checked):
     pressure: float = ranged(STANDARD_PRESSURE, 500.0, 1100.0, "hPa", "One inch of mercury is 33.86 hPa.")
 
 
+CLEAR_AIR = Air(humidity=80.0, water_vapour=2.5, visibility=40.0)  # the default of plans and simulations
+
+
 class Aerosol(NamedTuple):
     """Optical parameters of the aerosol [1]; its optical depth is turbidity * (wavelength [um])^-exponent."""
 

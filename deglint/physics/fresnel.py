@@ -13,22 +13,10 @@ from ._checks import Array, within
 WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usual constant of radiative transfer codes
 
 
-def polarised(cosine: Array, index: Array | float = WATER_INDEX) -> tuple[Array, Array]:
-    """Power reflectance [1] for light polarised perpendicular and parallel to the plane of incidence.
-
-    `cosine` is the cosine of the angle of incidence in air, 0 to 1; it is not checked. `index` is as in `reflectance`.
-    Both results have the floating-point precision of `cosine`.
-    """
-    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
-    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
-    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
-    return perpendicular, parallel
-
-
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
     """Fresnel reflectance of a flat water surface for unpolarised light from above.
 
-    It is the mean of the two polarisations, r = (r_s + r_p) / 2.
+    It is the mean of light polarised perpendicular and parallel to the plane of incidence, r = (r_s + r_p) / 2.
 
     Parameters
     ----------
@@ -63,7 +51,9 @@ def reflectance_of_cosine(cosine: Array, index: Array | float = WATER_INDEX) -> 
     >>> reflectance_of_cosine(np.array([1.0, 0.5])).round(4).tolist()
     [0.0211, 0.061]
     """
-    perpendicular, parallel = polarised(cosine, index)
+    inside = np.sqrt(1.0 - (1.0 - cosine**2) / index**2)
+    perpendicular = ((cosine - index * inside) / (cosine + index * inside)) ** 2
+    parallel = ((index * cosine - inside) / (index * cosine + inside)) ** 2
     return 0.5 * (perpendicular + parallel)
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..errors import InputError
 from ._checks import Floats
 from .sensor import Sensor, cutoff
-from .surface import by_rows
+from .surface import on_rows
 
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
@@ -73,7 +73,7 @@ def observe(
     folded = np.empty((rows, spectrum.shape[1]), dtype=spectrum.dtype)
     factors = (row_frequency, down), (column_frequency, _along(column_frequency, sensor, centre + shift[1]))
     limit = cutoff(sensor, wavelength)
-    by_rows(lambda first, last: fold(spectrum, folded, first, last, *factors, limit), rows, workers)
+    on_rows(lambda first, last: fold(spectrum, folded, first, last, *factors, limit), rows, workers)
     folded = fft.ifft(folded, axis=0, overwrite_x=True, workers=workers)
     return np.ascontiguousarray(fft.irfft(folded, n=fine_columns, axis=1, workers=workers)[:, ::factor])
 

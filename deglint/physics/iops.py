@@ -25,11 +25,9 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties [1/m]: total absorption, and scattering and backscattering by water and particles."""
+    """Inherent optical properties [1/m]: total absorption, and backscattering by water and by particles."""
 
     absorption: Array
-    water_scattering: Array
-    particle_scattering: Array
     water_backscattering: Array
     particle_backscattering: Array
 
@@ -42,12 +40,12 @@ class Iops(NamedTuple):
 def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
-    The absorption a, and the scattering b_p and backscattering b_bp of particles at the wavelength lambda are, with the
-    absorption a_w of sea water and a_p of particles, A and E from a table (Bricaud et al. 1998) and chlorophyll C,
+    The absorption a, and the backscattering b_bp of particles at the wavelength lambda are, with the absorption a_w of
+    sea water and a_p of particles, A and E from a table (Bricaud et al. 1998) and chlorophyll C,
 
         a = a_w + a_p + 0.2 a_p(440) exp(-0.014 (lambda - 440)),  a_p = A C^E,
-        b_p = 0.416 C^0.766 (lambda / 550)^v,  v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0,
-        b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766
+        b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766,
+        v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0
 
     (Morel and Maritorena 2001, eq. 12 to 14).
 
@@ -67,13 +65,12 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     wavelength, chlorophyll = checked_wavelength(wavelength), _chlorophyll(chlorophyll)
     absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
     yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
-    scattering = _interpolate("sea_water", "scattering_m-1", wavelength)
+    molecules = 0.5 * _interpolate("sea_water", "scattering_m-1", wavelength)
     log = np.log10(chlorophyll)
     slope = np.where(chlorophyll < 2.0, 0.5 * (np.maximum(log, np.log10(0.02)) - 0.3), 0.0)
     particles = 0.416 * chlorophyll**0.766
     share = 0.002 + 0.01 * (0.5 - 0.25 * log) * (wavelength / 550.0) ** slope
-    everywhere = particles * (wavelength / 550.0) ** slope
-    return Iops(absorption + yellow, scattering, everywhere, 0.5 * scattering, share * particles)
+    return Iops(absorption + yellow, molecules, share * particles)
 
 
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:

@@ -53,7 +53,7 @@ PRESETS: dict[str, Sensor] = {
         name="worldview3",
         bands=tuple(replace(b, full_scale=2 * b.full_scale) for b in _bands(_WORLDVIEW_BANDS)),
         gsd=1.24,
-        f_number=12.1,
+        f_number=12.1,  # this and the pitch are assumed, and differ from those of the preset of `deglint.sensors`
         pitch=26.7e-6,
         bits=11,
     ),

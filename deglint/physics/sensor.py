@@ -13,7 +13,7 @@ from dataclasses import MISSING, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import BandError
+from ..errors import BandError, InputError
 from ._checks import Checked, Floats, ranged, within
 from .tables import WAVELENGTH_RANGE
 
@@ -22,14 +22,23 @@ LIGHT_SPEED = 299792458.0  # speed of light [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorBand:
-    """One band of a sensor: its edges [nm], full-scale radiance [W m-2 sr-1 nm-1] and time offset [s]."""
+class SensorBand(Checked):
+    """One band of a sensor: name, lower and upper edge [nm], full-scale radiance [W m-2 sr-1 nm-1], time offset [s].
+
+    The full-scale radiance fills the well; the exposure time follows from it. The time offset is the time of the band
+    after the first band. Raises InputError for a value out of range, or a lower edge above the upper edge.
+    """
 
     name: str
-    low: float  # lower edge [nm]
-    high: float  # upper edge [nm]
-    full_scale: float  # radiance that fills the well [W m-2 sr-1 nm-1]; the exposure time follows from it
-    time_offset: float = 0.0  # time of the band after the first band [s]
+    low: float = ranged(MISSING, 1.0, 1e6, "nm", "Give nanometres: 550 is green.")
+    high: float = ranged(MISSING, 1.0, 1e6, "nm", "Give nanometres: 550 is green.")
+    full_scale: float = ranged(MISSING, 1e-9, 1e9, "W m-2 sr-1 nm-1", "Give the radiance that fills the well.")
+    time_offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low > self.high:
+            raise InputError(f"band {self.name} must have low <= high, got {self.low:g}, {self.high:g} nm. Swap them.")
 
     @property
     def wavelength(self) -> float:
@@ -48,6 +57,8 @@ class Sensor(Checked):
 
     `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
     aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a pixel, 1 to 16.
+    `smear` is the motion during the exposure, along the columns of the image [pixel], and `jitter` the standard
+    deviation of the line of sight along each axis [pixel].
     """
 
     name: str
@@ -55,14 +66,14 @@ class Sensor(Checked):
     gsd: float = ranged(MISSING, 1e-3, 1e4, "m", "Give the size of a pixel on the sea.")
     f_number: float = ranged(MISSING, 0.7, 200.0, "", "It is focal length over aperture.")
     pitch: float = ranged(MISSING, 1e-7, 1e-3, "m", "Give the detector pitch in metres: 8e-6 is 8 micrometres.")
-    smear: float = 0.5  # motion during the exposure, along the columns of the image [pixel]
-    jitter: float = 0.0  # standard deviation of the line of sight along each axis [pixel]
+    smear: float = ranged(0.5, 0.0, 1e3, "pixels", "Give the motion during the exposure, 0 for none.")
+    jitter: float = ranged(0.0, 0.0, 1e3, "pixels", "It is a standard deviation, 0 for none.")
     quantum_efficiency: float = ranged(0.8, 1e-3, 1.0, "", "Give electrons per photon, such as 0.8.")
     transmission: float = ranged(0.8, 1e-3, 1.0, "", "Give the share of light that the optics transmit, such as 0.8.")
     well: float = ranged(100_000.0, 1.0, 1e9, "electrons", "It is what fills a pixel.")
-    read_noise: float = 12.0  # standard deviation of the read noise [electrons]
-    dark_current: float = 0.0  # dark current of a pixel [electrons/s]
-    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.")
+    read_noise: float = ranged(12.0, 0.0, 1e9, "electrons", "It is a standard deviation, 0 for none.")
+    dark_current: float = ranged(0.0, 0.0, 1e9, "electrons/s", "Give that of a pixel, 0 for none.")
+    bits: int = ranged(12, 1, 16, "", "Numbers are kept in 16 bits.", integer=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -126,14 +126,16 @@ def day_of_year(time: Any) -> Array:
 
 
 def moment(time: Any) -> np.datetime64:
-    """Convert one time, in a form that `position` accepts, to UTC; fractions of a second are cut off.
+    """Convert one time, in a form that `position` accepts, to UTC without fractions of a second; InputError for NaT.
 
     Examples
     --------
     >>> str(moment("2026-06-21T20:00+02:00"))
     '2026-06-21T18:00:00'
     """
-    return np.datetime64(int(np.floor(_seconds(time))), "s")
+    if np.isnan(seconds := _seconds(time)):
+        raise InputError("time must be like 2026-06-21T18:00Z, got NaT. Leave it out for now.")
+    return np.datetime64(int(np.floor(seconds)), "s")
 
 
 @cache

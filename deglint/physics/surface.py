@@ -62,11 +62,11 @@ class Surface:
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
         physics = SURFACE_TENSION, GRAVITY
-        by_rows(lambda *slab: evolve(self.amplitudes, out, slab, steps, time, slopes, physics), rows // 2 + 1, workers)
+        on_rows(lambda *slab: evolve(self.amplitudes, out, slab, steps, time, slopes, physics), rows // 2 + 1, workers)
         return fft.ifft2(out, norm="forward", overwrite_x=True, workers=workers)
 
 
-def by_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
+def on_rows(work: Callable[[int, int], object], rows: int, workers: int) -> None:
     """Divide the rows 0 to `rows` - 1 into parts, and call work(first row, last row + 1) for each on `workers` threads.
 
     The division depends on `workers`, so the result of `work` must not depend on the division.
@@ -91,7 +91,7 @@ def normals(seed: Seed, shape: tuple[int, ...], *, workers: int = 1) -> npt.NDAr
         for i in range(first, last):
             children[i].standard_normal(dtype=np.float32, out=out[edges[i] : edges[i + 1]])
 
-    by_rows(draw, SLABS, workers)
+    on_rows(draw, SLABS, workers)
     return out
 
 
@@ -141,7 +141,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     table, how = _tables(sea, min(steps), np.pi * np.sqrt(2) / spacing)
     azimuth = np.deg2rad(sea.wind_from)
     along = float(-np.sin(azimuth)), float(-np.cos(azimuth))  # east and north, downwind
-    by_rows(lambda *slab: fill_amplitudes(noise, sums, slab, steps, table, how, along), rows, workers)
+    on_rows(lambda *slab: fill_amplitudes(noise, sums, slab, steps, table, how, along), rows, workers)
     height, east2, north2, both = sums.sum(axis=0)
     up = along[0] ** 2 * east2 + along[1] ** 2 * north2 + 2 * along[0] * along[1] * both
     return Surface(sea, spacing, noise, float(height), (float(up), float(east2 + north2 - up)))

@@ -2,8 +2,8 @@
 
 Remote-sensing reflectance is water-leaving radiance divided by irradiance, both just above the surface [1/sr], without
 reflection at the surface. For deep water it follows the model of Lee et al. (2011), which has a table over sun and view
-angles, and outside this table that of Lee et al. (1999), which does not depend on angles. For an object it follows Lee
-et al. (1999), with path lengths along the rays of sun and sensor; the object is assumed wide compared to its depth.
+angles. For an object it follows Lee et al. (1999), with path lengths along the rays of sun and sensor; the object is
+assumed wide compared to its depth.
 
 `relative_azimuth` is the azimuth of the sensor minus the azimuth of the sun, both seen from the target: at 0 the sensor
 is on the side of the sun, at 180 on the opposite side, where the glint is.
@@ -26,8 +26,6 @@ from ._checks import Array, sun_angle, within
 from .iops import Iops
 from .tables import load
 
-LEE_SUN_LIMIT, LEE_VIEW_LIMIT = 75.0, 70.0
-"""Largest sun and view zenith angles of the table of Lee et al. (2011) [degree]."""
 _SKY_REFLECTANCE = 0.066  # reflectance of a calm sea for diffuse light from the sky [1]
 _TURNED_BACK = 0.48  # share of upwelling light that the surface reflects back into the water [1]
 
@@ -37,7 +35,7 @@ def deep_reflectance(
 ) -> Array:
     """Remote-sensing reflectance of deep water [1/sr].
 
-    The model is `lee_2011` for sun zenith angles up to 75 and view zenith angles up to 70 degrees, else `lee_1999`.
+    The model is `lee_2011`, with the values at the edge of its table beyond sun and view zenith angles of 75 and 70.
 
     Parameters
     ----------
@@ -57,9 +55,7 @@ def deep_reflectance(
     sun = sun_angle(sun_zenith)
     view = within("view_zenith", view_zenith, 0.0, 90.0, "degrees", "A sensor above the sea has 0 to 90.")
     g, (u, u2, v, v2) = lee_2011(sun, view, relative_azimuth), lee_2011_terms(water)
-    angular = g[0] * u + g[1] * u2 + g[2] * v + g[3] * v2
-    inside = ~((sun > LEE_SUN_LIMIT) | (view > LEE_VIEW_LIMIT))
-    return angular if inside.all() else np.where(inside, angular, lee_1999(water))
+    return g[0] * u + g[1] * u2 + g[2] * v + g[3] * v2
 
 
 def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azimuth: npt.ArrayLike) -> Array:
@@ -73,9 +69,9 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
     """
     axes, values = _grid()
     turn = np.abs((np.asarray(relative_azimuth, dtype=np.float64) + 180.0) % 360.0 - 180.0)
-    sun, view = np.minimum(sun_zenith, LEE_SUN_LIMIT), np.minimum(view_zenith, LEE_VIEW_LIMIT)
     corners = []
-    for axis, angle in zip(axes, np.broadcast_arrays(sun, view, turn), strict=True):
+    for axis, given in zip(axes, np.broadcast_arrays(sun_zenith, view_zenith, turn), strict=True):
+        angle = np.minimum(given, axis[-1])
         low = np.clip(np.searchsorted(axis, angle, side="right") - 1, 0, axis.size - 2)
         share = (angle - axis[low]) / (axis[low + 1] - axis[low])
         corners.append(((low, 1.0 - share), (low + 1, share)))
@@ -90,17 +86,6 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
     k = water.absorption + water.backscattering
     u, v = water.water_backscattering / k, water.particle_backscattering / k
     return u, u * u, v, v * v
-
-
-def lee_1999(water: Iops) -> Array:
-    """Remote-sensing reflectance of deep water [1/sr] by Lee et al. (1999), for sun and sensor near the zenith.
-
-    It is 0.52 r / (1 - 1.7 r), with the reflectance r = (0.084 + 0.170 u) u [1/sr] just below the surface, and
-    u = b_b / (a + b_b) from absorption a and total backscattering b_b.
-    """
-    u = water.backscattering / (water.absorption + water.backscattering)
-    below = (0.084 + 0.170 * u) * u
-    return 0.52 * below / (1.0 - 1.7 * below)
 
 
 def submerged_reflectance(

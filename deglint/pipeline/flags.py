@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..physics import sky
-from ..physics.atmosphere import WAVELENGTH_RANGE, Air, irradiance
+from ..physics.atmosphere import CLEAR_AIR, WAVELENGTH_RANGE, irradiance
 from ..physics.glint import VIEW_LIMIT
 from ..physics.slopes import WIND_RANGE
 from ..raster.convert import holds
@@ -196,7 +196,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
         model: np.pi * sky.reflectance(*place, wind=winds, wind_from=blows_from, model=model)
         for model in sky.SKY_MODELS
     }
-    air = Air(humidity=80.0, water_vapour=2.5, wind=winds[0], wind_mean=winds[0])  # as plans and simulations have it
+    air = replace(CLEAR_AIR, wind=winds[0], wind_mean=winds[0])
     light = [irradiance(list(known.values()), sun, air, visibility=v) for v in VISIBILITIES]
     share = np.array([x.diffuse / (x.diffuse + x.direct) for x in light])
     every = np.multiply.outer(np.array(list(mirrored.values())).ravel(), share)

@@ -16,10 +16,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import BandError, InputError
 from ..physics import slopes, sun
 from ..physics._checks import Checked, check_number, one_of, ranged
-from ..physics.atmosphere import Air, ozone
+from ..physics.atmosphere import CLEAR_AIR, Air, ozone
 from ..physics.presets import preset
 from ..physics.sensor import Sensor, SensorBand
 from ..physics.sky import SKY_MODELS as SKIES
@@ -66,7 +66,8 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
-    Raises InputError if a value is out of the range of its model, a band unknown, or the sun unknown or below 1 degree.
+    Raises InputError if a value is out of the range of its model, or the sun unknown or below 1 degree; BandError if a
+    band is unknown, or two bands of the sensor have one name.
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ class Mission(Checked):
     limits : Limits
         Limits beyond which a viewing geometry is excluded.
     step, widest : float
-        Step between viewing geometries, and the largest zenith angle of the sensor [degree].
+        Step between viewing geometries, rounded to fit into `widest` and 360; largest zenith angle of the sensor.
     """
 
     # `file` is the table and key of a field in a mission file
@@ -119,13 +120,20 @@ class Mission(Checked):
     sky: str = one_of("harrison-coombes", SKIES, file="models.sky")
     water: Literal["scattering", "absorption"] = one_of("scattering", WATERS, file="water.model")
     limits: Limits = field(default_factory=Limits)
-    step: float = ranged(1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.",
-                         file="view.step")  # fmt: skip
+    step: float = ranged(
+        1.0, 0.25, 10, "degrees", "1 is usual; memory grows with its inverse square.", file="view.step"
+    )
     widest: float = ranged(80.0, 10, 85, "degrees", "Nearer to the horizon waves hide each other.", file="view.widest")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_number("wind", self.wind, 0.1, self.strongest_wind, "m/s", "The slope models hold in this range only.")
+        object.__setattr__(self, "wind", float(self.wind))  # JSON has no numbers of numpy
+        if len({b.name.casefold() for b in self.sensor.bands}) < len(self.sensor.bands):
+            names = ", ".join(b.name for b in self.sensor.bands)
+            raise BandError(
+                f"two bands of sensor {self.sensor.name} have one name: {names}. Give each a name of its own."
+            )
         for name in self.bands:
             self.sensor.band(name)
         if (self.sun_zenith is None) != (self.sun_azimuth is None):
@@ -163,7 +171,7 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time of the plan (UTC), by default the current time; None if neither time nor latitude is given."""
+        """Time of the plan (UTC), by default when it is first read; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
@@ -190,7 +198,7 @@ class Mission(Checked):
         if self.air is not None:
             return replace(self.air, wind=ten)
         usual = 300.0 if self.place is None or self.day is None else float(ozone(*self.place, self.day))
-        return Air(water_vapour=2.5, visibility=40.0, wind=ten, wind_mean=ten, ozone=usual)
+        return replace(CLEAR_AIR, wind=ten, wind_mean=ten, ozone=usual)
 
     @property
     def slope_wind(self) -> Wind:
@@ -222,16 +230,13 @@ class Mission(Checked):
 
 Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
 
-_TABLES: dict[str, dict[str, str]] = {  # table: {key: field of `Mission`, or "" where it is none}
-    "place": {}, "sun": {}, "wind": {}, "air": {f.name: "" for f in fields(Air) if "wind" not in f.name}, "water": {},
-    "object": {}, "sensor": dict.fromkeys(("preset", "bands", "band", *(f.name for f in fields(Sensor))), ""),
-    "limits": {f.name: "" for f in fields(Limits)}, "view": {}, "models": {},
+# (table, key) of a mission file: field of `Mission`
+_FIELDS = {tuple(f.metadata["file"].split(".")): f.name for f in fields(Mission) if "file" in f.metadata}
+_KEYS: dict[str, tuple[str, ...]] = {  # further keys of each table
+    "place": (), "sun": (), "wind": ("mean",), "air": tuple(f.name for f in fields(Air) if "wind" not in f.name),
+    "water": (), "object": (), "sensor": ("preset", "bands", "band", *(f.name for f in fields(Sensor))),
+    "limits": tuple(f.name for f in fields(Limits)), "view": (), "models": (),
 }  # fmt: skip
-for _field in fields(Mission):
-    if "file" in _field.metadata:
-        _table, _key = _field.metadata["file"].split(".")
-        _TABLES[_table][_key] = _field.name
-_TABLES["wind"]["mean"] = ""
 # keys whose values are no numbers
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
 # pressure of one unit [hPa]
@@ -249,15 +254,11 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     read: dict[str, dict[str, Any]] = {}
     for table, values in tables.items():
         known = "view" if table == "look" else table  # [look] is the old name of [view]
-        if known not in _TABLES:
-            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
-        read[known] = _read(table, values, _TABLES[known], name)
-    given = {
-        field: read[table][key]
-        for table, keys in _TABLES.items()
-        for key, field in keys.items()
-        if field and key in read.get(table, {})
-    }
+        if known not in _KEYS:
+            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _KEYS)}.")
+        keys = [key for other, key in _FIELDS if other == known]
+        read[known] = _read(table, values, (*keys, *_KEYS[known]), name)
+    given = {own: read[table][key] for (table, key), own in _FIELDS.items() if key in read.get(table, {})}
     if isinstance(given.get("time"), date) and not isinstance(given["time"], datetime):
         raise InputError(f"{name}: time in [place] is a date without an hour. Write 2026-06-21T18:00:00Z.")
     if "sensor" in read:
@@ -273,9 +274,9 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     """Convert a mission, with its defaults, to tables {table: {key: value}} that `mission_from` can read."""
-    out = {
-        table: {key: getattr(mission, field) for key, field in keys.items() if field} for table, keys in _TABLES.items()
-    }
+    out: dict[str, dict[str, Any]] = {table: {} for table in _KEYS}
+    for (table, key), own in _FIELDS.items():
+        out[table][key] = getattr(mission, own)
     out["place"]["time"] = None if mission.moment is None else f"{mission.moment}Z"
     air = asdict(mission.weather)
     del air["wind"]
@@ -342,8 +343,6 @@ def _sensor(values: dict[str, Any], name: str) -> tuple[Sensor, tuple[str, ...]]
     base = preset(str(own.pop("preset", "thesis")))
     if "band" in values:
         own = {"name": "custom"} | own | {"bands": tuple(_band(b, name) for b in values["band"])}
-    if "bits" in own:
-        own["bits"] = int(own["bits"])
     return replace(base, **own), (bands,) if isinstance(bands, str) else tuple(map(str, bands))
 
 
@@ -351,8 +350,6 @@ def _band(values: Any, name: str) -> SensorBand:
     read = _read("sensor.band", values, [f.name for f in fields(SensorBand)], name)
     if not {"name", "low", "high", "full_scale"} <= set(read):
         raise InputError(f"{name}: a [[sensor.band]] has name, low, high [nm] and full_scale [W m-2 sr-1 nm-1].")
-    if not 300.0 <= read["low"] < read["high"] or read["low"] > 999.0 or read["full_scale"] <= 0.0:
-        raise InputError(
-            f"{name}: band {read['name']} must have 300 <= low < high (low to 999 nm), full_scale above 0."
-        )
+    if not 300.0 <= read["low"] < read["high"] or read["low"] > 999.0:
+        raise InputError(f"{name}: band {read['name']} must have 300 <= low < high (low to 999 nm).")
     return SensorBand(**read | {"name": str(read["name"])})

@@ -74,6 +74,7 @@ def page(
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
     """Contrast over noise (zenith, azimuth) of `band` or all; hatchings: faint or saturated, sky glint, sun glint."""
+    # arrays of hatchings are smooth, and above 0 where hatched: `draw.disc` interpolates them to draw smooth edges
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
         faint = np.clip(-np.log(plan.snr / max(limits.snr, 1e-9)), -5.0, 5.0)
@@ -198,7 +199,7 @@ def place_words(mission: Mission) -> str:
     if mission.place is None:
         return ""
     latitude, longitude = mission.place[0], (mission.place[1] + 180.0) % 360.0 - 180.0
-    return f"{abs(latitude):.2f}° {'NS'[latitude < 0]}  {abs(longitude):.2f}° {'EW'[longitude < 0]}"
+    return f"{abs(latitude):.2f}° {'S' if latitude < 0 else 'N'}  {abs(longitude):.2f}° {'W' if longitude < 0 else 'E'}"
 
 
 def _table(canvas: Canvas, plan: Reticle, geometry: ViewingGeometry, y: float) -> float:

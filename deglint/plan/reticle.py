@@ -98,10 +98,7 @@ class Reticle:
         self.zenith, self.azimuth = viewing_geometries(mission)
         self.light = light = Light(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
-        spark = glint.sun_glint(
-            *mission.sun, self.zenith[:, None], self.azimuth,
-            wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
-        )  # fmt: skip
+        spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind.options)
         share = glint.probability(spark.density, self.zenith[:, None], spark.tilt, disk)
         self.glint_probability, self.glint_strength = np.minimum(share, 1.0), spark.radiance
         self.clear_of_glint: Mask = spark.radiance <= limits.glint
@@ -141,8 +138,8 @@ class Reticle:
 
     def counts(self) -> dict[str, Floats]:
         """Electrons per pixel (band, zenith, azimuth): "background", "object", "sky", "glint" (Fink 2014, eq. 2.23)."""
-        parts = {"background": self.light.background, "object": self.light.target, "sky": self.sky_radiance,
-                 "glint": self.glint_radiance}  # fmt: skip
+        parts = {"background": self.light.background, "object": self.light.target}
+        parts |= {"sky": self.sky_radiance, "glint": self.glint_radiance}
         sensor, bands = self.mission.sensor, self.mission.channels
         return {
             name: np.stack([electrons(layer, sensor, band) for layer, band in zip(part, bands, strict=True)])

@@ -16,6 +16,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
+import numpy.typing as npt
 
 from ..errors import DeglintError, InputError
 from ..physics._checks import choice
@@ -106,8 +107,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: HTTPStatus, kind: str, text: str) -> None:
         body = text.encode()
         self.send_response(status)
-        for name, value in {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
-                            "Content-Security-Policy": _POLICY}.items():  # fmt: skip
+        headers = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+        for name, value in (headers | {"Content-Security-Policy": _POLICY}).items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
@@ -133,7 +134,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         mission = replace(mission, sensor=PRESETS[sensor], bands=())
     plan = reticle(mission)
     band = asked.get("band") or None
-    thin = np.ix_(*(np.rint(np.linspace(0, n - 1, -(-(n - 1) // _THIN) + 1)).astype(int) for n in plan.combined.shape))
+    thin = np.ix_(*map(_thinned, plan.combined.shape))
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
         "words": description(best_geometry(plan, band=band)),
@@ -146,6 +147,11 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
+def _thinned(count: int) -> npt.NDArray[np.intp]:
+    """Indices of about every `_THIN`-th of `count` zenith angles or azimuths, both ends included."""
+    return np.rint(np.linspace(0, count - 1, -(-(count - 1) // _THIN) + 1)).astype(np.intp)
+
+
 def _start(base: Mission) -> dict[str, Any]:
     """Initial state of the page, for JSON: values of the sliders, time, sensor, and size of the picture."""
     values = {name: getattr(base, name) for name in SLIDERS}
@@ -153,5 +159,5 @@ def _start(base: Mission) -> dict[str, Any]:
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]
     sensors = [base.sensor.name, *(name for name in PRESETS if name != base.sensor.name)]
     frame = {"width": WIDTH, "height": HEIGHT, "x": DISC_CENTRE[0], "y": DISC_CENTRE[1], "radius": DISC_RADIUS}
-    return {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name, "frame": frame,
-            "strongest": base.strongest_wind}  # fmt: skip
+    start = {"values": values, "time": time, "sensors": sensors, "sensor": base.sensor.name}
+    return start | {"frame": frame, "strongest": base.strongest_wind}

@@ -5,7 +5,6 @@ weighted by the share of the sea that each facet covers as seen by the sensor. B
 several hundred viewing geometries and interpolated to all others. Facets that reflect the sea do not contribute.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,12 +26,17 @@ class Wind(NamedTuple):
     blows_from: float
     model: str
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of `deglint.physics.glint.sun_glint`."""
+        return {"wind": self.speed, "wind_from": self.blows_from, "model": self.model}
+
 
 class Skylight:
     """Reflected skylight on a grid of zenith angles and azimuths of the sensor, for one position of the sun [degree].
 
     `sun` is (zenith angle, azimuth), `model` the name of the sky model. Relative to `deglint.physics.sky.reflectance`,
-    which does not interpolate, the error of the mean is at most 1 %, or 2.5 % under a clear sky in strong wind.
+    which does not interpolate, the error of the mean is at most 1 %, or 2 % under a clear sky with a low sun.
     """
 
     def __init__(
@@ -40,12 +44,13 @@ class Skylight:
     ) -> None:
         nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
         around = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
-        mean, brighter = _summed(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
+        mean, brighter = _facet_sums(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
         down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), azimuth / (360.0 / AZIMUTHS)
         # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
-        self.mean = _carried(_carried(mean, down, 0, _cubic), across, 1, _cubic, periodic=True)
-        # share of the sea whose facets reflect more than each of `LEVELS`, (level, zenith, azimuth) [1]
-        self.brighter = _carried(_carried(brighter, down, 1, _linear), across, 2, _linear, periodic=True)
+        self.mean = _interpolated(_interpolated(mean, down, 0, nodes=4), across, 1, nodes=4, periodic=True)
+        # share of the sea whose facets reflect more than each of `LEVELS`, (level, zenith, azimuth) [1]; 2 nodes, since
+        # with 4 nodes it could rise with the level
+        self.brighter = _interpolated(_interpolated(brighter, down, 1, nodes=2), across, 2, nodes=2, periodic=True)
 
     def share_above(self, level: Floats) -> Floats:
         """Share of the sea [1] whose facets reflect more than `level`; both are (band, zenith, azimuth).
@@ -64,61 +69,51 @@ class Skylight:
         return np.asarray(below + (above - below) * part.reshape(below.shape)).reshape(level.shape)
 
 
-def _carried(
-    values: Floats, place: Floats, axis: int, weights: Callable[[Floats], tuple[Floats, ...]], *, periodic: bool = False
-) -> Floats:
+def _interpolated(values: Floats, place: Floats, axis: int, *, nodes: int, periodic: bool = False) -> Floats:
     """Interpolate values, given at equal steps along an axis, to the positions `place` [step] on this axis.
 
-    `weights` is `_cubic` or `_linear`. If `periodic`, the first value follows the last. BLAS is not called, because
-    its threads block each other on a busy machine.
+    Each result follows from the nearest `nodes`, 2 (linear) or 4 (cubic), by Lagrange's formula. If `periodic`, the
+    first value follows the last. BLAS is not called, because its threads block each other on a busy machine.
     """
-    count = values.shape[axis]
+    count, reach = values.shape[axis], nodes // 2 - 1
     first = np.floor(place).astype(int)
-    reach = len(weights(place[:1])) // 2 - 1
     first = (first if periodic else np.clip(first, reach, count - 2 - reach)) - reach
     shape = [-1 if k == axis else 1 for k in range(values.ndim)]
     return sum(
         np.take(values, (first + i) % count, axis=axis) * weight.astype(np.float32).reshape(shape)
-        for i, weight in enumerate(weights(place - first))
+        for i, weight in enumerate(_weights(place - first, nodes))
     )
 
 
-def _cubic(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 to 3 for cubic interpolation to positions x (0 to 3): one array for each node."""
-    outer = -(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 1) * (x - 2) / 6
-    return outer[0], x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2, outer[1]
+def _weights(x: Floats, nodes: int) -> list[Floats]:
+    """Weights of the nodes 0 to `nodes` - 1 for interpolation to positions x in this range: one array for each node."""
+    return [np.prod([(x - j) / (i - j) for j in range(nodes) if j != i], axis=0) for i in range(nodes)]
 
 
-def _linear(x: Floats) -> tuple[Floats, ...]:
-    """Weights of the nodes 0 and 1 for linear interpolation to positions x (0 to 1): one array for each node.
-
-    The share of facets that are brighter than a level must not rise with the level; cubic weights could make it rise.
-    """
-    return 1.0 - x, x
-
-
-def _summed(
-    zeniths: Floats, turns: Floats, sun: tuple[float, float], wind: Wind, model: str
+def _facet_sums(
+    zeniths: Floats, azimuths: Floats, sun: tuple[float, float], wind: Wind, model: str
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Mean reflected skylight per diffuse irradiance [1/sr]; share of the sea that reflects more than each of `LEVELS`.
 
-    The mean is (zenith, azimuth), the share (level, zenith, azimuth). `zeniths` and `turns` are zenith angles and
+    The mean is (zenith, azimuth), the share (level, zenith, azimuth). `zeniths` and `azimuths` are zenith angles and
     azimuths of the sensor, `sun` is (zenith angle, azimuth) [degree]. All azimuths are relative to that of the wind.
     """
     variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
     to_sun = _unit(*sun)
-    mean = np.empty((zeniths.size, turns.size), np.float32)
-    count = np.empty((zeniths.size, turns.size, LEVELS.size))
+    mean = np.empty((zeniths.size, azimuths.size), np.float32)
+    count = np.empty((zeniths.size, azimuths.size, LEVELS.size))
     for i, zenith in enumerate(zeniths):
-        weight, mirrored = facets.seen(float(zenith), turns, to_sun, sun[0], model)
+        weight, mirrored = facets.reflected_sky(float(zenith), azimuths, to_sun, sun[0], model)
         mean[i] = (weight * mirrored).sum(axis=1)
-        count[i] = _counted(weight, mirrored)
-    cosine2 = np.cos(np.radians(turns)) ** 2
-    crowd = 1.0 + slopes.hidden(zeniths[:, None], variances[0] * cosine2 + variances[1] * (1.0 - cosine2))
-    brighter = np.cumsum(count[..., ::-1], axis=-1)[..., ::-1] / crowd[..., None]
-    brighter[..., 1:] -= 0.5 * count[..., 1:] / crowd[..., None]  # of the facets counted at a level, half are above it
-    return (mean / crowd).astype(np.float32), np.moveaxis(brighter, -1, 0).astype(np.float32)
+        count[i] = _histogram(weight, mirrored)
+    cosine2 = np.cos(np.radians(azimuths)) ** 2
+    # 1 + Lambda: the sensor sees less of the sea where waves hide each other
+    shadowing = 1.0 + slopes.hidden(zeniths[:, None], variances[0] * cosine2 + variances[1] * (1.0 - cosine2))
+    brighter = np.cumsum(count[..., ::-1], axis=-1)[..., ::-1] / shadowing[..., None]
+    # of the facets counted at a level, half are above it
+    brighter[..., 1:] -= 0.5 * count[..., 1:] / shadowing[..., None]
+    return (mean / shadowing).astype(np.float32), np.moveaxis(brighter, -1, 0).astype(np.float32)
 
 
 def _unit(zenith: float, turn: Any) -> tuple[Any, Any, float]:
@@ -143,31 +138,31 @@ class _Facets:
         )
         self.step = float(np.sqrt(area))  # mean distance of the slopes of neighbouring facets [1]
 
-    def seen(
-        self, zenith: float, turns: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
+    def reflected_sky(
+        self, zenith: float, azimuths: Floats, to_sun: tuple[Any, Any, float], sun_zenith: float, model: str
     ) -> tuple[Floats, Floats]:
         """Share of the sea that each facet covers as the sensor sees it [1], and sky radiance that it reflects [1/sr].
 
-        Both are (azimuth, facet), for one zenith angle and several azimuths `turns` of the sensor relative to the wind
+        Both are (azimuth, facet), for one zenith angle and several azimuths of the sensor relative to the wind
         [degree]. Radiance is per diffuse irradiance. `to_sun` is the unit vector (upwind, crosswind, up) to the sun.
         """
-        x, y, cosine = _unit(zenith, turns[:, None])
+        x, y, cosine = _unit(zenith, azimuths[:, None])
         slant = cosine - x * self.upwind - y * self.crosswind  # cos(incidence) / cos(tilt)
         incidence = np.clip(slant * self.up, 1e-6, 1.0)
         twice = 2.0 * incidence * self.up
-        rises = twice - np.float32(cosine)
-        towards = rises * to_sun[2]
-        towards += (-twice * self.upwind - x) * to_sun[0]
-        towards += (-twice * self.crosswind - y) * to_sun[1]
-        light = sky.radiance_of_cosines(np.clip(rises, 0.0, 1.0), towards, sun_zenith, model=model)
+        up = twice - np.float32(cosine)
+        sun_cosine = up * to_sun[2]
+        sun_cosine += (-twice * self.upwind - x) * to_sun[0]
+        sun_cosine += (-twice * self.crosswind - y) * to_sun[1]
+        light = sky.radiance_of_cosines(np.clip(up, 0.0, 1.0), sun_cosine, sun_zenith, model=model)
         light *= fresnel.reflectance_of_cosine(incidence)
         edge = np.float32(max(2.0 * self.step * np.sin(np.radians(zenith)), 1e-3))  # a facet may cross the horizon
-        weight = np.maximum(slant, 0.0) * np.clip(rises / edge + 0.5, 0.0, 1.0)
+        weight = np.maximum(slant, 0.0) * np.clip(up / edge + 0.5, 0.0, 1.0)
         weight *= self.share / np.float32(cosine)
         return weight, light
 
 
-def _counted(weight: Floats, light: Floats) -> npt.NDArray[Any]:
+def _histogram(weight: Floats, light: Floats) -> npt.NDArray[Any]:
     """Histogram (geometry, level) of `light` (geometry, facet); `weight` is split between the two nearest `LEVELS`."""
     place = np.log(light) - np.float32(np.log(LEVELS[0]))
     place *= np.float32(1.0 / np.log(LEVELS[1] / LEVELS[0]))

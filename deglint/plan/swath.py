@@ -46,14 +46,11 @@ class Line:
     """
 
     def __init__(self, mission: Mission, view: FieldOfView, headings: npt.ArrayLike | None = None) -> None:
-        self.view = view
+        self.mission, self.view = mission, view
         self.heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, float))
         zenith, azimuth = viewing_geometries(view, self.heading)
         seen, wind = zenith < glint.VIEW_LIMIT, mission.slope_wind
-        strength = glint.sun_glint(
-            *mission.sun, np.where(seen, zenith, 0.0), azimuth,
-            wind=wind.speed, wind_from=wind.blows_from, model=wind.model,
-        ).radiance  # fmt: skip
+        strength = glint.sun_glint(*mission.sun, np.where(seen, zenith, 0.0), azimuth, **wind.options).radiance
         kept = np.where(seen, strength, 0.0)
         # share of the view, in equal steps of angle, whose glint exceeds the limit, (heading,) [1]
         self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))
@@ -115,16 +112,15 @@ class Alternative:
     pitch: float  # of the sensor, forward positive [degree]
     roll: float  # of the sensor, to the right positive [degree]
 
-    def words(self, view: FieldOfView) -> str:
-        """Text that recommends the alternative; `view` is the field of view of the plan, without the new tilt."""
+    def words(self) -> str:
+        """Text that recommends the alternative, with the whole tilt of the sensor if this is not as in the plan."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
-        if self.pitch != view.pitch:
-            way = "forward" if self.pitch > 0 else "back"
-            return f"Another view angle: look {abs(self.pitch):.0f} degrees {way} and {end}"
-        way = "right" if self.roll > 0 else "left"
-        return f"Another view angle: look {abs(self.roll):.0f} degrees to the {way} and {end}"
+        pitch = f"{abs(self.pitch):.0f} degrees {'forward' if self.pitch > 0 else 'back'}"
+        roll = f"{abs(self.roll):.0f} degrees to the {'right' if self.roll > 0 else 'left'}"
+        tilts = [text for text, angle in ((pitch, self.pitch), (roll, self.roll)) if angle]
+        return f"Another view angle: look {' and '.join(tilts)} and {end}"
 
 
 def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
@@ -163,11 +159,15 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best line for each roll and pitch in `TILTS` if the view then ends below 80 degrees; smallest first."""
-    for tilt in TILTS:
-        if tilt + 0.5 * max(view.across, view.along) < 80.0:
-            for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
-                yield _tried(mission, replace(view, **change), None)
+    """Yield the best line for each roll and pitch in `_angles(view)`, to either side; smallest first."""
+    for tilt in _angles(view):
+        for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
+            yield _tried(mission, replace(view, **change), None)
+
+
+def _angles(view: FieldOfView) -> list[float]:
+    """Angles of `TILTS` with which the view ends below 80 degrees [degree]."""
+    return [tilt for tilt in TILTS if tilt + 0.5 * max(view.across, view.along) < 80.0]
 
 
 def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> Alternative:
@@ -178,14 +178,17 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
     """Lines of text that recommend a heading, or state that any or no heading is good; then the alternatives."""
-    out = [line.words(), *(one.words(line.view) for one in others)]
+    out = [line.words(), *(one.words() for one in others)]
     if not line.is_good and not others:
-        out.append("No other time of the day and no tilt up to 60 degrees is much better: wait for less wind.")
+        tried = ["other time of the day"] if line.mission.place and line.mission.sun_zenith is None else []
+        tried += [f"tilt up to {tilt:g} degrees" for tilt in _angles(line.view)[-1:]]
+        better = f"No {' and no '.join(tried)} is much better" if tried else "No other time and no tilt could be tried"
+        out.append(f"{better}: wait for less wind.")
     return out
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Values for JSON: mission, field of view, glint for every heading, the best heading, and the alternatives."""
+    """Values for `plain`, then JSON: mission, field of view, glint for every heading, best heading, alternatives."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics import slopes, sun
-from ..physics._checks import within
+from ..physics._checks import check_number, within
 from .dataset import excluded_share
 from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
@@ -32,11 +32,13 @@ class Moment:
 def times(start: Any, end: Any, minutes: float) -> list[np.datetime64]:
     """Times (UTC) from `start` to `end`, `minutes` apart; the end is included if a step falls on it.
 
-    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start.
+    `start` and `end` are as `time` in `sun.position`. Raises InputError if the end lies before the start, or if
+    `minutes` is not 0.02 to 1e6.
     """
     first, last = sun.moment(start), sun.moment(end)
     if last < first:
         raise InputError(f"--to must not lie before --from, got {first}Z to {last}Z.")
+    check_number("minutes", minutes, 0.02, 1e6, "", "Give the minutes from one time to the next, such as 30.")
     step = np.timedelta64(round(60 * minutes), "s")
     return [first + k * step for k in range(int((last - first) / step) + 1)]
 
@@ -101,7 +103,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """Values for JSON: the mission, the summary of the best time, and the summaries of all times."""
+    """Values for `plain`, then JSON: the mission, the summary of the best time, and the summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -121,7 +123,7 @@ class WindEnsemble:
         within("wind direction uncertainty", turn, 0.0, 180.0, "degrees", "180 stands for not known at all.")
         self.speed, self.turn = speed, turn
         low, high = max(mission.wind - speed, slopes.WIND_RANGE[0]), min(mission.wind + speed, mission.strongest_wind)
-        speeds = np.unique(np.round([*(np.linspace(low, high, SPEEDS) if speed else ()), mission.wind], 9))
+        speeds = np.unique(np.round([*np.linspace(low, high, SPEEDS), mission.wind], 9))
         around = np.linspace(-turn, turn, TURNS)[turn == 180.0 :] if turn else np.zeros(1)  # -180 and 180 are one
         self.winds = speeds.tolist(), ((mission.wind_from + around) % 360.0).tolist()  # [m/s], [degree]
         coarse = mission.coarse()
@@ -155,7 +157,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Values for JSON: winds, intervals at the best geometry, share of winds that exclude each viewing geometry."""
+        """Values for `plain`, then JSON: winds, intervals at the best geometry, share of winds that exclude each."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

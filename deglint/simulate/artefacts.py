@@ -14,7 +14,6 @@ from ..physics._checks import Checked, Floats, one_of, ranged
 Numbers = npt.NDArray[np.uint16]
 Kernel = Literal["bilinear", "cubic", "lanczos"]
 
-KERNELS = get_args(Kernel)
 GRID_SHIFT = 0.5
 """Offset of the sensor's grid from the map's grid, down and right [pixel]; resampling by half a pixel blurs most."""
 
@@ -34,8 +33,8 @@ class Artefacts(Checked):
     """
 
     striping: float = ranged(0.0, 0.0, 0.5, "", "Two per cent is 0.02.")
-    resampling: Kernel | None = one_of(None, (None, *KERNELS))
-    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.")
+    resampling: Kernel | None = one_of(None, (None, *get_args(Kernel)))
+    jpeg: int | None = ranged(None, 1, 100, "", "75 is usual, 95 fine.", integer=True)
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
@@ -66,5 +65,5 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     import cv2
 
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, int(quality)])
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.rint(levels * (np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)) / 255.0) ** 2).astype(np.uint16)

@@ -13,7 +13,7 @@ import numpy as np
 from ..physics import fresnel, glint, sky, slopes
 from ..physics._checks import Floats
 from ..physics.spectra import dispersion
-from ..physics.surface import by_rows, normals, realise
+from ..physics.surface import normals, on_rows, realise
 from ..physics.waves import SHORTEST_WAVE, Sea, omnidirectional
 from .setup import RESOLVED_AT_MOST, Setup
 
@@ -73,7 +73,7 @@ class Facets:
         wind = (float(np.sin(azimuth)), float(np.cos(azimuth)), *self.slope_scale)
         sparkle, table = (*self._sparkle, time), (self._sky, -TABLE_REACH, TABLE_STEP)
         wanted = (*self.glinting_slope, *self.unresolved)
-        by_rows(lambda *rows: reflect(packed, sparkle, out, rows, wind, wanted, table), len(packed), workers)
+        on_rows(lambda *rows: reflect(packed, sparkle, out, rows, wind, wanted, table), len(packed), workers)
         return out
 
 
@@ -107,7 +107,7 @@ def _draw_sparkle(
     shape, generator = setup.fine_grid, np.random.default_rng(seed)
     amplitudes = normals(generator, (*shape, 4), workers=workers)
     scale = np.sqrt(np.repeat(variance, 2)).astype(np.float32)
-    by_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
+    on_rows(lambda a, b: np.multiply(amplitudes[a:b], scale, out=amplitudes[a:b]), shape[0], workers)
     if max(setup.times) == 0:  # nothing moves
         return amplitudes, np.zeros(shape, np.uint16), np.zeros(1)
     frequencies = sparkle_frequencies(setup.sea, setup.facet)

@@ -12,7 +12,7 @@ from ..physics._checks import Floats
 from ..physics.imaging import observe, transform
 from ..physics.iops import Iops, case1
 from ..physics.sensor import band_means, digitise
-from ..physics.surface import by_rows
+from ..physics.surface import on_rows
 from .artefacts import GRID_SHIFT, compress, resample, stripe
 from .cover import Cover
 from .facets import Facets
@@ -250,10 +250,10 @@ class _Shot:
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
-        self.own = np.empty((2, *self.water.shape), np.float32)  # truth and glint, on the grid of the map
-        self.seen, self.shift = self.own, 0.0  # the same on the grid of the sensor, and offset of this grid [pixel]
+        # (truth and glint, offset [pixel]) on the grid of the map and, if that is another one, on that of the sensor
+        self.grids = [(np.empty((2, *self.water.shape), np.float32), 0.0)]
         if setup.artefacts.resampling:
-            self.seen, self.shift = np.empty_like(self.own), GRID_SHIFT
+            self.grids.append((np.empty((2, *self.water.shape), np.float32), GRID_SHIFT))
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
         """Image in band i of a layer of facets from its transform: blurred, misregistered, `off` [pixel] down/right."""
@@ -281,15 +281,16 @@ class _Shot:
                 if artefacts.jpeg:
                     out[i] = compress(out[i], artefacts.jpeg, sensor.levels)
 
-        by_rows(draw, len(radiance), self.workers)
+        on_rows(draw, len(radiance), self.workers)
         return out
 
     def finished(
         self, world: _World, surface: tuple[Floats | None, Floats | None], variance: tuple[float, float]
     ) -> SimulatedScene:
         """Make the scene after the last band; `surface` is (height, slopes), `variance` that of the resolved slopes."""
-        setup, (truth, glint) = self.setup, self.own
-        image, truth_image = self.digitised(self.seen[0] + self.seen[1]), self.digitised(self.seen[0])
+        setup, (truth, glint) = self.setup, self.grids[0][0]
+        own_truth, own_glint = self.grids[-1][0]  # on the grid of the sensor
+        image, truth_image = self.digitised(own_truth + own_glint), self.digitised(own_truth)
         ids, cover = world.on_pixels(world.labels), None
         if world.cover is not None:
             seen = {t: world.cover.kinds(world.on_pixels(world.cover.at(t))) for t in set(setup.times)}
@@ -315,19 +316,20 @@ def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, 
         looking = [shot for shot in shots if shot.setup.times[i] == time]
         if not looking:
             continue
-        spectrum, factor, level = sky_spectrum, lit.diffuse[i], lit.water[i]
-        if not world.is_plain:  # the water differs from facet to facet
+        if world.is_plain:
+            layer, factor, level = sky_spectrum, lit.diffuse[i], lit.water[i]
+        else:  # the water differs from facet to facet
             both = world.leaving(i, cover)
-            both += np.float32(factor) * mirrored
-            spectrum, factor, level = transform(both, workers=workers), 1.0, 0.0
+            both += np.float32(lit.diffuse[i]) * mirrored
+            layer, factor, level = transform(both, workers=workers), 1.0, 0.0
         sun = lit.normal[i] * sea.glint_factor
         for shot in looking:
-            for off, (truth, glint) in {0.0: shot.own, shot.shift: shot.seen}.items():
-                truth[i] = level + factor * shot.pixels(spectrum, i, off)
-                glint[i] = np.maximum(sun * shot.pixels(density_spectrum, i, off), 0.0)
+            for (truth, glint), offset in shot.grids:
+                truth[i] = level + factor * shot.pixels(layer, i, offset)
+                glint[i] = np.maximum(sun * shot.pixels(density_spectrum, i, offset), 0.0)
             shot.water[i] = lit.water[i]
             if not world.is_plain:
-                shot.water[i] = shot.own[0, i] - lit.diffuse[i] * shot.pixels(sky_spectrum, i)
+                shot.water[i] = shot.grids[0][0][0, i] - lit.diffuse[i] * shot.pixels(sky_spectrum, i)
             yield
 
 

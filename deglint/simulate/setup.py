@@ -9,12 +9,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics._checks import Checked, check_number, one_of, ranged
-from ..physics.atmosphere import Air
+from ..physics.atmosphere import CLEAR_AIR, Air
 from ..physics.presets import preset
 from ..physics.sensor import Sensor
 from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
-from ..physics.waves import SHORT_WAVES, Sea, Spectrum, Spreading, slope_variance
+from ..physics.waves import SHORT_WAVES, SPECTRA_WIND_RANGE, Sea, Spectrum, Spreading, slope_variance
 from .artefacts import Artefacts
 from .cover import FloatingTarget
 from .underwater import Bottom, SubmergedObject
@@ -25,6 +25,7 @@ MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each t
 LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes that are too steep
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
+STRONGEST_WIND = 19.6  # largest wind at 10 m [m/s]: it is 20 m/s at 12.5 m, the limit of the slope models
 EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
@@ -86,8 +87,8 @@ class Setup(Checked):
     """
 
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
-    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes rather than one huge one.")
-    wind: float = 5.0
+    size: tuple[int, int] = ranged((512, 512), 8, 16384, "pixels", "Simulate several scenes instead.", integer=True)
+    wind: float = ranged(5.0, SPECTRA_WIND_RANGE[0], STRONGEST_WIND, "m/s", "The models hold in this range only.")
     wind_from: float = 30.0
     spectrum: Spectrum = "elfouhaily"
     fetch: float = 100e3
@@ -107,13 +108,13 @@ class Setup(Checked):
     coast: float = 0.0
     foam: float = ranged(0.0, 0.0, 0.5, "", "It is a share: whitecaps cover 0.01 of the sea at 10 m/s.")
     targets: tuple[FloatingTarget, ...] = ()
-    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.")
+    supersample: int = ranged(4, 2, 32, "", "4 facets per pixel do for most scenes.", integer=True)
     patch: float = ranged(0.005, 0.0, 1.0, "m", "It is some centimetres at most; 0 leaves the sparkle out.")
     misregistration: tuple[tuple[float, float], ...] = ()
     artefacts: Artefacts = field(default_factory=Artefacts)
-    glint_threshold: float = 0.25
-    domain: float | None = None
-    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.")
+    glint_threshold: float = ranged(0.25, 0.0, 1e6, "", "Give a share of the radiance without glint, such as 0.25.")
+    domain: float | None = ranged(None, 0.0, 1e7, "m", "Give the least side of the sea.")
+    seed: int = ranged(0, 0, 2**63, "", "Any integer that is not negative will do.", integer=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,8 +175,7 @@ class Setup(Checked):
     @property
     def weather(self) -> Air:
         """State of the atmosphere: `air`, or the default if it is None."""
-        wind = float(self.wind)
-        return self.air or Air(visibility=40.0, humidity=80.0, water_vapour=2.5, wind=wind, wind_mean=wind)
+        return self.air or replace(CLEAR_AIR, wind=float(self.wind), wind_mean=float(self.wind))
 
     @property
     def slope_variance(self) -> tuple[float, float]:

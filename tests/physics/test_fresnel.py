@@ -56,7 +56,8 @@ def test_limits(index):
     assert fresnel.reflectance(0, index) == pytest.approx(((index - 1) / (index + 1)) ** 2, rel=1e-12)
     assert fresnel.reflectance(90, index) == pytest.approx(1, abs=1e-12)
     brewster = np.degrees(np.arctan(index))
-    assert fresnel.polarised(np.cos(np.radians(brewster)), index)[1] == pytest.approx(0, abs=1e-24)
+    perpendicular = ((index**2 - 1) / (index**2 + 1)) ** 2  # all of the reflected light
+    assert fresnel.reflectance(brewster, index) == pytest.approx(0.5 * perpendicular, rel=1e-12)
 
 
 def test_grows_with_the_angle():

@@ -109,6 +109,12 @@ def test_mirrored_sky_against_a_sum_over_facets(view, model):
     assert found == pytest.approx(by_facets(*view, 9.0, 60.0, **options), rel=3e-3)
 
 
+def test_mirrored_glow_around_the_sun_against_a_sum_over_facets():
+    options = {"sun_zenith": 20.0, "sun_azimuth": 140.0, "model": "harrison-coombes"}
+    found = sky.reflectance(10, 40, wind=9.0, wind_from=70.0, **options)
+    assert found == pytest.approx(by_facets(10, 40, 9.0, 70.0, **options), rel=1e-3)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0, 60), st.floats(0, 360), st.floats(0, 360), st.floats(0, 360))
 def test_turning_everything_changes_nothing(view_zenith, view_azimuth, wind_from, turn):

@@ -5,7 +5,7 @@ import pytest
 
 from deglint.errors import InputError
 from deglint.physics import slopes, spectra, waves
-from deglint.physics.surface import by_rows, realise
+from deglint.physics.surface import on_rows, realise
 from deglint.physics.waves import Sea
 
 FREQUENCY = np.geomspace(0.01, 20.0, 20001)
@@ -290,7 +290,7 @@ def test_slabs_cover_all_rows_once():
     for rows in (1, 7, 64):
         for workers in (1, 3):
             seen = np.zeros(rows, int)
-            by_rows(lambda a, b, seen=seen: seen.__setitem__(slice(a, b), seen[a:b] + 1), rows, workers)
+            on_rows(lambda a, b, seen=seen: seen.__setitem__(slice(a, b), seen[a:b] + 1), rows, workers)
             assert (seen == 1).all()
 
 
