@@ -138,6 +138,18 @@ def test_colour_words(name, expected):
         ("Rrs_443", 443),
         ("865nm", 865),
         ("NIR (0.842 um)", 842),
+        ("Blue 450-520 nm", 485),
+        ("Band 1 - Blue (450-520 nm)", 485),
+        ("0.45-0.51 um", 480),
+        ("Green 520\u2013600 nm", 560),
+        ("green 520 nm to 600 nm", 560),
+        ("Red 0.63um - .69um", 660),
+        ("blue 443 nm (400-500 nm)", 443),
+        ("Band 2 - 2.2 um", 2200),
+        ("Band 1-444 nm", 444),
+        ("v1.5-560nm", 560),
+        ("2016-490 nm", 490),
+        ("705 nm-20 nm", 705),
         ("Band 3", None),
         ("B08", None),
         ("2016", None),
@@ -147,6 +159,13 @@ def test_colour_words(name, expected):
 )
 def test_numbers_in_names(name, expected):
     assert wavelength_in_name(name) == expected
+
+
+def test_ranges_in_names_give_roles(tmp_path):
+    names = ["Blue 450-520 nm", "Green 520-600 nm", "Red 630-690 nm", "NIR 770-890 nm"]
+    scene = open_scene(write(tmp_path / "a.tif", zeros(4), names=names))
+    assert wavelengths(scene) == [485, 560, 660, 830]
+    assert find_nir(scene) == (3,)
 
 
 def test_units():
