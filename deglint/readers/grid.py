@@ -7,6 +7,7 @@ read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ _TRUE = 0.01  # largest relative error of lengths in a map projection that is ne
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """Put files on one grid: return a `FileBands` for each, the description of the file with that grid, and notes.
+    """Put files on one grid: return their bands in order, the description of the file with that grid, and notes.
 
     `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, or (the end of) its name.
     """
@@ -50,7 +51,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
         finer = area < 0.98 * areas[chosen]
-        files.append(_warped(info, reference, how="average" if finer else "bilinear"))
+        files += _warped(info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
         moved.setdefault((how, info.tags.get("", {}).get("product") or info.paths[0]), []).append(_called(info))
     notes = [
@@ -134,9 +135,9 @@ def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | No
     """Source that reads a file, resampled to `grid` by nearest neighbour; `nodata` replaces the nodata of the file."""
     if nodata is not None:
         info = replace(info, nodatas=(nodata,) * info.count)
-    file = FileBands.of(info) if same_grid(info, grid) else _warped(info, grid, how="nearest")
+    files = [FileBands.of(info)] if same_grid(info, grid) else _warped(info, grid, how="nearest")
     place = {name: getattr(grid, name) for name in ("height", "width", "crs", "transform")}
-    return RasterSource([file], replace(info, **place, nodatas=file.nodatas))
+    return RasterSource(files, replace(info, **place, nodatas=tuple(n for file in files for n in file.nodatas)))
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
@@ -151,8 +152,11 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
 
 
-def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
-    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`."""
+def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> list[FileBands]:
+    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`.
+
+    GDAL leaves out one number for nodata of a file: successive bands with another one are a `FileBands` of their own.
+    """
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
@@ -162,8 +166,6 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> Fil
             f"gdal_edit.py -colorinterp_{info.count} undefined {info.paths[0]}"
         )
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
-    nodatas, alpha = info.nodatas, info.alpha
-    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     warp: dict[str, Any] = {
         "src_crs": info.crs or reference.crs or anywhere,
         "crs": reference.crs or info.crs or anywhere,
@@ -172,18 +174,23 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> Fil
         "width": reference.width,
         "resampling": Resampling[how],
         "tolerance": 1e-4,  # [pixel]; positions depend on the window by this much
-        "src_nodata": declared,
-        "nodata": declared,
+        "src_nodata": None,
+        "nodata": None,
         "UNIFIED_SRC_NODATA": "NO",  # a pixel may be nodata in one band alone, or masked
     }
     if info.transform is None:
         warp["src_transform"] = _transform(info)
-    if declared is not None:
-        nodatas = (declared,) * len(nodatas)
-    elif alpha is None:
-        warp["add_alpha"], alpha = True, info.count + 1
+    if info.alpha is None:
+        warp["add_alpha"] = True
     # no flat field: it holds only for pixels that are not resampled
-    return replace(FileBands.of(info), warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
+    whole = replace(FileBands.of(info), warp=warp, alpha=info.alpha or info.count + 1, masked=False, flat=None)
+    nan = [n != n or (n is None and "float" in dtype) for n, dtype in zip(info.nodatas, info.dtypes, strict=True)]
+    nodatas = [math.nan if is_nan else n for n, is_nan in zip(info.nodatas, nan, strict=True)]
+    files = []
+    for _, group in groupby(zip(whole.indexes, nodatas, strict=True), key=lambda band: str(band[1])):
+        indexes, alike = zip(*group, strict=True)
+        files.append(replace(whole, indexes=indexes).declared(alike))
+    return files
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
