@@ -8,6 +8,7 @@ import csv
 import glob
 import io
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from ..raster.info import REMOTE_NAME
 from . import products
 from .products.metadata import ProductBand, angle_tags, filled, tags_of
 from .spectral import nanometres, nominal_wavelength
-from .text import number, read_json, read_text
+from .text import number, positive, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
@@ -49,6 +50,16 @@ class Asset:
             return info
         nodatas = tuple(b.nodata if n is None else n for n, b in zip(info.nodatas, self.bands, strict=True))
         return replace(filled(info, self.bands, self.tags, None), nodatas=nodatas)
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What a STAC Item states about a band of an asset."""
+
+    band: ProductBand
+    named: bool  # False: `band` is called by the key of the asset
+    common: str  # common name, "" if none
+    pixel: float  # size of a pixel [m], infinite if not stated
 
 
 def assets_of(name: str) -> list[Asset]:
@@ -129,7 +140,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     found = []
     for key in keys or _chosen(assets, what):
         file = href(assets[key], path)
-        found.append(Asset(file, tuple([band for _, band in _said(assets[key], key, file, applied=applied)]), tags))
+        found.append(Asset(file, tuple([s.band for s in _said(assets[key], key, file, applied=applied)]), tags))
     return found
 
 
@@ -139,16 +150,19 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
     said = {k: _said(a, k) for k, a in usable.items()}
-    singles: dict[str, str] = {}
-    # of two formats TIFF is used, as it is read in parts
-    for key in sorted(said, key=lambda k: "tiff" not in str(usable[k].get("type"))):
-        if len(said[key]) == 1:
-            ((common, band),) = said[key]
-            if band.wavelength is not None and common not in _NOT_BANDS:
-                singles.setdefault(band.name, key)
+    # of several pixel sizes the smallest is used; of two formats TIFF, as it is read in parts
+    rank = {k: (f[0].pixel, "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
+    singles: dict[Any, list[str]] = {}
+    for key in sorted(rank, key=rank.__getitem__):
+        (one,) = said[key]
+        if one.band.wavelength is not None and one.common not in _NOT_BANDS:
+            same = singles.setdefault(one.band.name if one.named else (one.common, one.band.wavelength), [])
+            if not same or (not one.named and rank[key] == rank[same[0]]):  # such as three red-edge bands
+                same.append(key)
+    keys = sorted([k for same in singles.values() for k in same], key=lambda k: said[k][0].band.wavelength or 0.0)
+    if len(keys) > 1:
+        return keys
     several = [k for k, bands in said.items() if len(bands) > 1]
-    if len(singles) > 1:
-        return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(several) == 1:
         return several
     keys = [k for k in rasters if "data" in roles[k]] or list(rasters) or list(assets)
@@ -160,8 +174,8 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     )
 
 
-def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
-    """Common name ("" if none) and properties of each band of an asset; `file` is the GDAL name of its file.
+def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[_Stated]:
+    """What an Item states about each band of an asset; `file` is the GDAL name of its file.
 
     They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
     missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
@@ -175,14 +189,17 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
         for own in [asset, *(n[i] for n in lists if len(n) == count)]:
             said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
         common = str(said.get("common_name") or "")
-        name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
+        named = isinstance(said.get("name"), str) and said["name"] != ""
+        name = said["name"] if named else str(key)
         centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
         wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
         band = ProductBand(file, name, wavelength, nanometres(width, "um") if width else None)
         scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
         unit = said["unit"] if isinstance(said.get("unit"), str) else None
         offset = 0.0 if applied or offset is None else offset
-        found.append((common, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
+        band = replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)
+        pixel = positive(said.get("spatial_resolution")) or positive(said.get("gsd")) or math.inf
+        found.append(_Stated(band, named, common, pixel))
     return found
 
 
