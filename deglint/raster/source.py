@@ -116,10 +116,12 @@ class RasterSource:
         Raises
         ------
         InputError
-            The window reaches outside the scene.
+            The window reaches outside the scene, or a band is not in it.
         ReadError
             A file is missing, truncated or damaged, this source is closed, or its `deadline` is past.
         """
+        if outside := [b for b in bands if not 0 <= b < self.info.count]:
+            raise InputError(f"bands: allowed are 0-{self.info.count - 1}, counted from 0, got {outside[0]}")
         raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
         return to_physical(raw, valid, scales, offsets)
