@@ -73,7 +73,7 @@ class RasterSource:
 
     def declared(self, info: RasterInfo) -> Self:
         """Copy of this source with the nodata and offsets of `info`."""
-        found = copy.copy(self)
+        found = copy.copy(self)  # by `__reduce__`: with a pool of its own, no deadline, and nothing read or found
         if info.nodatas != self.info.nodatas:
             left = iter(info.nodatas)
             found.files = tuple(f.declared(tuple(islice(left, len(f.indexes)))) for f in self.files)
@@ -161,27 +161,17 @@ class RasterSource:
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         """Read file values (band, row, column), and their mask from masks, alpha and nodata; None if all are valid."""
-        shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
-        if 0 in shape:
-            return np.empty(shape, self.info.dtype), None
-        raw, valid, start = np.empty(shape, self.info.dtype), None, 0
+        (top, bottom), (left, right) = window
+        raw, valid, start = np.empty((len(bands), bottom - top, right - left), self.info.dtype), None, 0
+        if not raw.size:
+            return raw, None
         for file, dataset in zip(self.files, datasets, strict=True):
             at = [k for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
             own = [bands[k] - start for k in at]
             start += len(file.indexes)
             if not at:
                 continue
-            part = np.empty((len(at), *shape[1:]), raw.dtype)
-            indexes = [file.indexes[b] for b in own]
-            if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
-                dataset.read(indexes, window=window, out=part)
-            else:  # rasterio cannot read bands of several types at once
-                for numbers, i in zip(part, indexes, strict=True):
-                    dataset.read(i, window=window, out=numbers)
-            known = _validity(file, dataset, part, own, window)
-            if file.flat is not None:
-                for numbers, b in zip(part, own, strict=True):
-                    file.flat.apply(numbers, window, file.nodatas[b])
+            part, known = _read_file(file, dataset, own, window, self.info.dtype)
             if len(self.files) == 1:
                 return part, known
             raw[at] = part
@@ -237,6 +227,24 @@ def _open(file: FileBands) -> Any:
 
     dataset = open_dataset(file.path)
     return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
+
+
+def _read_file(
+    file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: np.dtype[Any]
+) -> tuple[Raw, Valid | None]:
+    """Read `bands` (0-based, in `file.indexes`) of a file as values of type `dtype`, and the mask as in `_stacked`."""
+    (top, bottom), (left, right) = window
+    raw, indexes = np.empty((len(bands), bottom - top, right - left), dtype), [file.indexes[b] for b in bands]
+    if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
+        dataset.read(indexes, window=window, out=raw)
+    else:  # rasterio cannot read bands of several types at once
+        for numbers, i in zip(raw, indexes, strict=True):
+            dataset.read(i, window=window, out=numbers)
+    valid = _validity(file, dataset, raw, bands, window)
+    if file.flat is not None:
+        for numbers, b in zip(raw, bands, strict=True):
+            file.flat.apply(numbers, window, file.nodatas[b])
+    return raw, valid
 
 
 def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:
