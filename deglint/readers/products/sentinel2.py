@@ -16,6 +16,7 @@ from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, s
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
+FOLDERS_ABOVE = 4  # metadata lie in up to this number of folders above the image
 _MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
