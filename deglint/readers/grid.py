@@ -20,9 +20,9 @@ from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
-_OFF = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
+_SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_TRUE = 0.01  # largest relative error of lengths in a map projection that is neglected; UTM has at most 0.001
+_NEGLIGIBLE_DISTORTION = 0.01  # of lengths in a map projection, relative; that of UTM is at most 0.001
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
@@ -117,7 +117,7 @@ def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
     if info.transform is None or reference.transform is None:
         return True
     back = ~reference.transform
-    return all(math.dist(at(back, *at(info.transform, *corner)), corner) < _OFF for corner in corners_of(info))
+    return all(math.dist(at(back, *at(info.transform, *corner)), corner) < _SAME_CORNER for corner in corners_of(info))
 
 
 def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
@@ -131,10 +131,8 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
-def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads a file, resampled to `grid` by nearest neighbour; `nodata` replaces the nodata of the file."""
-    if nodata is not None:
-        info = replace(info, nodatas=(nodata,) * info.count)
+def nearest_on(info: RasterInfo, grid: RasterInfo | Scene) -> RasterSource:
+    """Source that reads a file, resampled to `grid` by nearest neighbour."""
     files = [FileBands.of(info)] if same_grid(info, grid) else _warped(info, grid, how="nearest")
     place = {name: getattr(grid, name) for name in ("height", "width", "crs", "transform")}
     return RasterSource(files, replace(info, **place, nodatas=tuple(n for file in files for n in file.nodatas)))
@@ -146,7 +144,8 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
     """
-    each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
+    infos = map(describe_file, paths)
+    each = [nearest_on(replace(info, nodatas=(0.0,) * info.count), grid) for info in infos]
     facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
     joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
     return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
@@ -216,7 +215,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
     if crs.is_projected:
         unit = float(crs.linear_units_factor[1])
         stated = unit * math.hypot(*steps[0]), unit * math.hypot(*steps[1])
-        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), stated, strict=True)):
+        if all(abs(found - s) <= _NEGLIGIBLE_DISTORTION * s for found, s in zip((across, down), stated, strict=True)):
             return stated
     return across, down
 

@@ -247,13 +247,13 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     ending = Path(text).suffix.lower()
     if products.name_of(text) is not None:
-        yield ListedScene(_stem(text), (text,))
+        yield ListedScene(_scene_name(text), (text,))
     elif _MAGIC.search(text) and not Path(text).exists():
         names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  (Path.glob knows no absolute patterns)
         if not names:
             raise ReadError(f"no file fits {text}. Check the pattern, and the directory that it starts from.")
         for name in names:
-            yield ListedScene(_stem(name), (name,))
+            yield ListedScene(_scene_name(name), (name,))
     elif ending == ".csv":
         yield from _of_csv(text)
     elif ending in (".json", ".geojson") or re.match(r"https?://.+/items/[^/]+$", text, re.IGNORECASE):
@@ -262,10 +262,10 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
             source = f"{text}#{item['id']}" + (f"#{','.join(assets)}" if assets else "")
             yield ListedScene(checked_name(item["id"], text), files, source)
     else:
-        yield ListedScene(_stem(text), (text,))
+        yield ListedScene(_scene_name(text), (text,))
 
 
-def _stem(path: str) -> str:
+def _scene_name(path: str) -> str:
     """Name of a scene: the name of its product, else the name of its file without folder and extension."""
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
     return checked_name(products.name_of(path) or Path(last).stem or last, path)
@@ -291,6 +291,6 @@ def _of_csv(path: str) -> Iterator[ListedScene]:
             if not files:
                 raise InputError(f"{path}, line {rows.line_num}: the column path is empty. Name the scene's file.")
             name = (row.get("name") or "").strip()
-            yield ListedScene(checked_name(name, path) if name else _stem(files[0]), files)
+            yield ListedScene(checked_name(name, path) if name else _scene_name(files[0]), files)
     except csv.Error as error:
         raise InputError(f"{path}, line {rows.line_num}: not CSV: {error}.") from error

@@ -195,11 +195,11 @@ def wavelength_in_name(name: str) -> float | None:
             value = round((low + high) / 2, 6) if SPECTRAL_RANGE[0] <= low < high else value
         return value if SPECTRAL_RANGE[0] <= value <= SPECTRAL_RANGE[1] else None
     if bare := _BARE.fullmatch(text):
-        number = float(bare[2])
-        if number < 3:
-            return round(number * 1000, 6)
-        year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
-        return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
+        value = float(bare[2])
+        if value < 3:
+            return round(value * 1000, 6)
+        year = _YEARS[0] <= value <= _YEARS[1] and bare[0] == bare[2]
+        return value if _RANGE[0] <= value <= _RANGE[1] and not year else None
     nominal = nominal_wavelength(name) or 0.0
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
     fits = [n for n in numbers if abs(n - nominal) < _NEAR_NOMINAL * nominal]

@@ -32,15 +32,14 @@ def find(container: Container) -> Product | None:
     """The product in `container`, or None. If the user named an image in it, the product has only this band."""
     named, images = container.named, container.matches(IMAGES)
     if named is not None:
-        images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]
+        images = [(n, m) for n, m in images if named == n or _scene_of(named) == m["scene"]]
     if not images:
         return None
     scenes = sorted({m["scene"] for _, m in images})
     scene = container.only(scenes, "Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
-    own = sorted(
-        (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)
-    )
+    every = [m for m in container.find(METADATA) if _scene_of(m) == scene]
+    own = sorted(every, key=lambda m: (not m.lower().endswith(".txt"), m))
     root = container.tree(own[0], _MTL_GROUPS[level][0]) if own else None
     notes = [] if own else [f"{container.path} has no *_MTL.txt: {_WITHOUT_MTL[level]}"]
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]
@@ -63,7 +62,7 @@ def find(container: Container) -> Product | None:
     return Product(kind, scene, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes))
 
 
-def _stem(member: str) -> str:
+def _scene_of(member: str) -> str:
     return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
 
 

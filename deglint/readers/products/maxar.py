@@ -32,9 +32,9 @@ _NOT_ENHANCED = ("", "OFF", "NONE")
 def find(container: Container) -> Product | None:
     """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
     named = container.named
-    stems = {_stem(n) for n in container.find(METADATA)}
+    stems = {_without_ending(n) for n in container.find(METADATA)}
     if named is not None:
-        stems &= {_stem(named)}
+        stems &= {_without_ending(named)}
     found = []
     for stem in sorted(stems):
         beside = (container.beside(stem, last(stem) + ending) for ending in (".imd", ".xml"))
@@ -84,7 +84,7 @@ def _letters(root: ET.Element) -> list[str]:
     return [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
 
 
-def _stem(member: str) -> str:
+def _without_ending(member: str) -> str:
     return str(PurePosixPath(member).with_suffix(""))
 
 
