@@ -52,16 +52,6 @@ class Asset:
         return replace(filled(info, self.bands, self.tags, None), nodatas=nodatas)
 
 
-@dataclass(frozen=True)
-class _Stated:
-    """What a STAC Item states about a band of an asset."""
-
-    band: ProductBand
-    named: bool  # False: `band` is called by the key of the asset
-    common: str  # common name, "" if none
-    pixel: float  # size of a pixel [m], infinite if not stated
-
-
 def assets_of(name: str) -> list[Asset]:
     """The files that a name stands for: the assets of a STAC Item that contain its bands, or the file itself."""
     found = _NAME.fullmatch(name)
@@ -140,7 +130,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     found = []
     for key in keys or _chosen(assets, what):
         file = href(assets[key], path)
-        found.append(Asset(file, tuple([s.band for s in _said(assets[key], key, file, applied=applied)]), tags))
+        found.append(Asset(file, tuple([band for _, band in _said(assets[key], key, file, applied=applied)]), tags))
     return found
 
 
@@ -151,15 +141,16 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
     said = {k: _said(a, k) for k, a in usable.items()}
     # of several pixel sizes the smallest is used; of two formats TIFF, as it is read in parts
-    rank = {k: (f[0].pixel, "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
+    rank = {k: (f[0][0]["gsd"], "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
     singles: dict[Any, list[str]] = {}
     for key in sorted(rank, key=rank.__getitem__):
-        (one,) = said[key]
-        if one.band.wavelength is not None and one.common not in _NOT_BANDS:
-            same = singles.setdefault(one.band.name if one.named else (one.common, one.band.wavelength), [])
-            if not same or (not one.named and rank[key] == rank[same[0]]):  # such as three red-edge bands
+        ((stated, band),) = said[key]
+        common = str(stated.get("common_name") or "")
+        if band.wavelength is not None and common not in _NOT_BANDS:
+            same = singles.setdefault(stated["name"] or (common, band.wavelength), [])
+            if not same or (not stated["name"] and rank[key] == rank[same[0]]):  # such as three red-edge bands
                 same.append(key)
-    keys = sorted([k for same in singles.values() for k in same], key=lambda k: said[k][0].band.wavelength or 0.0)
+    keys = sorted([k for same in singles.values() for k in same], key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(keys) > 1:
         return keys
     several = [k for k, bands in said.items() if len(bands) > 1]
@@ -174,11 +165,12 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     )
 
 
-def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[_Stated]:
-    """What an Item states about each band of an asset; `file` is the GDAL name of its file.
+def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[dict[str, Any], ProductBand]]:
+    """What an Item states about each band of an asset, also as a `ProductBand`; `file` is the GDAL name of its file.
 
-    They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
+    It is read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
     missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
+    "gsd" is the size of a pixel [m], infinite if it is not stated.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -188,18 +180,16 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
         said: dict[str, Any] = {}
         for own in [asset, *(n[i] for n in lists if len(n) == count)]:
             said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
-        common = str(said.get("common_name") or "")
-        named = isinstance(said.get("name"), str) and said["name"] != ""
-        name = said["name"] if named else str(key)
+        said["gsd"] = positive(said.get("spatial_resolution")) or positive(said.get("gsd")) or math.inf
+        said["name"] = said["name"] if isinstance(said.get("name"), str) else ""
+        name = said["name"] or str(key)
         centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
-        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
+        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(str(said.get("common_name") or name))
         band = ProductBand(file, name, wavelength, nanometres(width, "um") if width else None)
         scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
         unit = said["unit"] if isinstance(said.get("unit"), str) else None
         offset = 0.0 if applied or offset is None else offset
-        band = replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)
-        pixel = positive(said.get("spatial_resolution")) or positive(said.get("gsd")) or math.inf
-        found.append(_Stated(band, named, common, pixel))
+        found.append((said, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
     return found
 
 

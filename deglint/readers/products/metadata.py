@@ -301,12 +301,11 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     Scale, offset, nodata and dataset tags in the file take precedence. `sensor` is the value of tag "sensor", or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
-    own = bool(scaled_by_itself(info))
     flat = bands[0].flat if info.count == 1 else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
     named = replace(info, descriptions=tuple(b.name for b in bands), tags={**info.tags, "": dataset_tags})
     named = with_spectral(named, [(b.wavelength, b.width) for b in bands])
-    if own:
+    if scaled_by_itself(info):
         return named
     full = [{} if b.saturation is None else {"FULL_SCALE": f"{b.saturation:.10g}"} for b in bands]
     return replace(
