@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
-from .convert import FlatField, Raw, Valid, is_valid, to_physical
+from .convert import FlatField, Raw, Valid, is_valid, same_nodata, to_physical
 from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
 
 
@@ -49,10 +49,9 @@ class FileBands:
 
     def declared(self, nodatas: tuple[float | None, ...]) -> Self:
         """A copy with other nodata values; if all are the same number, resampling leaves it out."""
-        if self.warp is None or nodatas[0] is None or len({*nodatas}) > 1:
+        if self.warp is None or nodatas[0] is None or not all(same_nodata(nodatas[0], n) for n in nodatas):
             return replace(self, nodatas=nodatas)
-        warp = {k: v for k, v in self.warp.items() if k != "add_alpha"}
-        warp |= {"src_nodata": nodatas[0], "nodata": nodatas[0]}
+        warp = {**self.warp, "add_alpha": False, "src_nodata": nodatas[0], "nodata": nodatas[0]}
         return replace(self, nodatas=nodatas, alpha=None if self.warp.get("add_alpha") else self.alpha, warp=warp)
 
 
@@ -229,9 +228,7 @@ def _open(file: FileBands) -> Any:
     return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
 
 
-def _read_file(
-    file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: np.dtype[Any]
-) -> tuple[Raw, Valid | None]:
+def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: Any) -> tuple[Raw, Valid | None]:
     """Read `bands` (0-based, in `file.indexes`) of a file as values of type `dtype`, and the mask as in `_stacked`."""
     (top, bottom), (left, right) = window
     raw, indexes = np.empty((len(bands), bottom - top, right - left), dtype), [file.indexes[b] for b in bands]

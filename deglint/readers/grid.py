@@ -167,6 +167,7 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
     warp: dict[str, Any] = {
         "src_crs": info.crs or reference.crs or anywhere,
+        "src_transform": _transform(info) if info.transform is None else None,
         "crs": reference.crs or info.crs or anywhere,
         "transform": _transform(reference),
         "height": reference.height,
@@ -176,20 +177,14 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
         "src_nodata": None,
         "nodata": None,
         "UNIFIED_SRC_NODATA": "NO",  # a pixel may be nodata in one band alone, or masked
+        "add_alpha": info.alpha is None,
     }
-    if info.transform is None:
-        warp["src_transform"] = _transform(info)
-    if info.alpha is None:
-        warp["add_alpha"] = True
     # no flat field: it holds only for pixels that are not resampled
     whole = replace(FileBands.of(info), warp=warp, alpha=info.alpha or info.count + 1, masked=False, flat=None)
-    nan = [n != n or (n is None and "float" in dtype) for n, dtype in zip(info.nodatas, info.dtypes, strict=True)]
-    nodatas = [math.nan if is_nan else n for n, is_nan in zip(info.nodatas, nan, strict=True)]
-    files = []
-    for _, group in groupby(zip(whole.indexes, nodatas, strict=True), key=lambda band: str(band[1])):
-        indexes, alike = zip(*group, strict=True)
-        files.append(replace(whole, indexes=indexes).declared(alike))
-    return files
+    nodatas = [math.nan if n is None and "float" in d else n for n, d in zip(info.nodatas, info.dtypes, strict=True)]
+    groups = groupby(zip(whole.indexes, nodatas, strict=True), key=lambda band: str(band[1]))
+    each = [zip(*group, strict=True) for _, group in groups]
+    return [replace(whole, indexes=indexes).declared(alike) for indexes, alike in each]
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
