@@ -28,8 +28,7 @@ _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
 PER_BAND = dict.fromkeys(_NODATA_NAMES, np.nan) | dict.fromkeys(_SCALE_NAMES, 1.0) | dict.fromkeys(_OFFSET_NAMES, 0.0)
 """Attributes that may have one entry per band, and the entry of a band without one."""
-_EVEN = 0.1  # allowed difference between coordinates and those of a regular grid [pixel]
-_ROUNDING = 4.0  # the same, in units in which floating-point numbers are rounded
+_EVENLY_SPACED = 0.1  # allowed difference between coordinates and those of a regular grid [pixel]
 _CLOSE = 1e-3  # allowed difference between coordinates and a declared transform [pixel]
 
 
@@ -223,8 +222,8 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
         if along.ndim != 1 or not along.size or along.dtype.kind not in "fiu":
             return stated
         step = (float(along[-1]) - float(along[0])) / (len(along) - 1) if len(along) > 1 else declared
-        rounding = _ROUNDING * float(np.finfo(along.dtype).eps * abs(along).max()) if along.dtype.kind == "f" else 0.0
-        if (abs(along - float(along[0]) - step * np.arange(len(along))) > _EVEN * abs(step) + rounding).any():
+        rounding = float(np.finfo(along.dtype).eps * abs(along).max()) if along.dtype.kind == "f" else 0.0
+        if (abs(along - float(along[0]) - step * np.arange(len(along))) > _EVENLY_SPACED * abs(step) + rounding).any():
             raise InputError(
                 f"coordinates {name} are not evenly spaced. Resample the array to a regular grid, or leave them out: "
                 f"array.drop_vars({name!r})."

@@ -101,9 +101,13 @@ def open_scene(
 
 
 def _stacked(
-    paths: Sequence[str], preset: str | None, nir: Wanted | None, nodata: float | str | None, grid: str | int | None,
+    paths: Sequence[str],
+    preset: str | None,
+    nir: Wanted | None,
+    nodata: float | str | None,
+    grid: str | int | None,
     given: Given,
-) -> Scene:  # fmt: skip
+) -> Scene:
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
     count = max(len(given["bands"]), len(given["wavelengths"]))

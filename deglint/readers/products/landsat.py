@@ -13,8 +13,8 @@ from .metadata import FULL, Container, Product, ProductBand, angle_tags, said, s
 
 METADATA = r"(?P<scene>L[CO]0[89]_.*)_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
-_MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
-               "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+_LEVEL2 = "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS"
+_MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"), "2": (_LEVEL2, _LEVEL2)}
 """For each level, two groups of the MTL file: that with scales and offsets, and that with the largest file values."""
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
