@@ -54,9 +54,9 @@ def test_every_type_comes_back_as_numpy_says(sea, write, read, tmp_path, dtype):
 
 
 def test_rounding_is_to_nearest_with_ties_to_even():
-    values = np.array([-0.5, 0.4, 0.5, 0.6, 1.5, 2.5, 254.5, 255.4, 255.6, 300.0])[None, None]
+    values = np.array([-0.5, 0.4, 0.5, 0.6, 1.5, 2.5, 254.5, 255.4, 255.6, 300.0])[None]
     raw = np.full(values.shape, 77, np.uint8)
-    negative, clipped = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0])
+    negative, clipped = encode(values, raw, scale=1.0, offset=0.0, where=np.ones(values.shape, bool))
     assert raw.ravel().tolist() == [0, 0, 0, 1, 2, 2, 254, 255, 255, 255]
     assert (clipped.sum(), negative.sum()) == (2, 1)
 
@@ -112,10 +112,10 @@ def test_nodata_as_a_number_passes_and_nothing_becomes_it(sea, write, read, tmp_
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
 def test_a_corrected_number_moves_off_nodata(dtype):
-    values = np.array([-3.0, -0.2, 0.0, 0.3, 0.9, 7.0])[None, None]
+    values = np.array([-3.0, -0.2, 0.0, 0.3, 0.9, 7.0])[None]
     raw = np.full(values.shape, 9, dtype)
     where = np.array([[True, True, True, True, True, True]])
-    _, clipped = encode(values, raw, bands=[0], scales=[1.0], offsets=[0.0], where=where, nodata=0.0)
+    _, clipped = encode(values, raw, scale=1.0, offset=0.0, where=where, nodata=0.0)
     assert not (raw == 0).any()
     if dtype == "uint8":
         assert raw.ravel().tolist() == [1, 1, 1, 1, 1, 7]

@@ -138,6 +138,18 @@ def test_colour_words(name, expected):
         ("Rrs_443", 443),
         ("865nm", 865),
         ("NIR (0.842 um)", 842),
+        ("Blue 450-520 nm", 485),
+        ("Band 1 - Blue (450-520 nm)", 485),
+        ("0.45-0.51 um", 480),
+        ("Green 520\u2013600 nm", 560),
+        ("green 520 nm to 600 nm", 560),
+        ("Red 0.63um - .69um", 660),
+        ("blue 443 nm (400-500 nm)", 443),
+        ("Band 2 - 2.2 um", 2200),
+        ("Band 1-444 nm", 444),
+        ("v1.5-560nm", 560),
+        ("2016-490 nm", 490),
+        ("705 nm-20 nm", 705),
         ("Band 3", None),
         ("B08", None),
         ("2016", None),
@@ -147,6 +159,13 @@ def test_colour_words(name, expected):
 )
 def test_numbers_in_names(name, expected):
     assert wavelength_in_name(name) == expected
+
+
+def test_ranges_in_names_give_roles(tmp_path):
+    names = ["Blue 450-520 nm", "Green 520-600 nm", "Red 630-690 nm", "NIR 770-890 nm"]
+    scene = open_scene(write(tmp_path / "a.tif", zeros(4), names=names))
+    assert wavelengths(scene) == [485, 560, 660, 830]
+    assert find_nir(scene) == (3,)
 
 
 def test_units():
@@ -438,6 +457,37 @@ def test_nodata_beside_a_mask_or_alpha_does_not_leak_when_resampled(beside, hide
     assert (found[:, :5] == -1).all()
     assert (found[0, 11:15] == -1).all()
     assert (found[1, 8:] == 500).all()
+
+
+@pytest.mark.parametrize("second", [65535, None])
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+def test_each_band_of_a_resampled_file_has_its_own_nodata(tmp_path, second, dtype):
+    array = np.full((3, 10, 10), 500, dtype)
+    array[:, 2:4], array[:, 6:8] = 0, 65535
+    bands = [write(tmp_path / f"{i}.tif", array[i : i + 1], **UTM, transform=place(5e5, 1e6, 20, 20)) for i in range(3)]
+    given = "".join(
+        f'<VRTRasterBand dataType="{"UInt16" if dtype == "uint16" else "Float32"}" band="{i}">'
+        f"{f'<NoDataValue>{n}</NoDataValue>' if n is not None else ''}"
+        f"<SimpleSource><SourceFilename>{path}</SourceFilename><SourceBand>1</SourceBand></SimpleSource></VRTRasterBand>"
+        for i, (path, n) in enumerate(zip(bands, (0, second, 0), strict=True), start=1)
+    )
+    (tmp_path / "e.vrt").write_text(
+        f'<VRTDataset rasterXSize="10" rasterYSize="10"><SRS>{UTM["crs"]}</SRS>'
+        f"<GeoTransform>500000, 20, 0, 1000000, 0, -20</GeoTransform>{given}</VRTDataset>"
+    )
+    fine = write(tmp_path / "fine.tif", np.ones((1, 20, 20), "uint8"), **UTM, transform=place(5e5, 1e6, 10, 10))
+    scene = open_scene([fine, tmp_path / "e.vrt"])
+    found = scene.read()[1:]
+    middle, high, low = found[:, ::19], found[:, 13:15], found[:, 5:7]
+    assert (middle == 500).all()
+    assert np.isnan(low[[0, 2]]).all()
+    assert (high[[0, 2]] == 65535).all()
+    assert (low[1] == 0).all()
+    assert np.isnan(high[1]).all() if second else (high[1] == 65535).all()
+    np.testing.assert_array_equal(scene.read(((3, 16), (2, 9)), [3, 2]), found[[2, 1], 3:16, 2:9])
+    with scene.source as source:
+        raw, valid = source.read_raw(((0, 20), (0, 20)))
+        np.testing.assert_array_equal(source.to_physical(raw, valid)[1:], found)
 
 
 def test_every_number_is_data_in_a_resampled_file_too(beside):

@@ -11,6 +11,7 @@ from rasterio.enums import ColorInterp
 
 from deglint.errors import InputError, ReadError
 from deglint.raster.convert import is_valid, to_physical
+from deglint.raster.source import ArraySource
 from deglint.readers import open_scene
 
 SHAPE = (3, 20, 30)
@@ -185,6 +186,15 @@ def test_window_outside_is_refused_and_empty_is_empty(tmp_path):
     with pytest.raises(InputError, match=r"allowed inside rows 0-20 and columns 0-30, got rows 0-21"):
         source.read(((0, 21), (0, 30)), [0])
     assert source.read(((4, 4), (0, 30)), [0]).shape == (1, 0, 30)
+
+
+@pytest.mark.parametrize("band", [-1, 3, 5])
+def test_a_band_outside_is_refused(tmp_path, band):
+    array = numbers("uint8")
+    source = open_scene(write(tmp_path / "a.tif", array)).source
+    for one in (source, ArraySource(array, source.info)):
+        with pytest.raises(InputError, match=rf"bands: allowed are 0-2, counted from 0, got {band}"):
+            one.read(WHOLE, [0, band])
 
 
 def test_many_threads_read_the_same(tmp_path):

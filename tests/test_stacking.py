@@ -122,6 +122,47 @@ def test_a_stac_item_is_a_scene(deglint, files, tmp_path, new):
     assert ran.code == 0, ran.err
 
 
+@pytest.mark.parametrize("place", ["asset", "band"])
+def test_of_several_pixel_sizes_of_a_band_the_finest_is_opened(files, tmp_path, place):
+    item = item_of(files)
+    assets = {}
+    for key, asset in item["assets"].items():
+        for size in (60, 20, 10):
+            one = json.loads(json.dumps(asset))
+            stated = one if place == "asset" else one.get("raster:bands", [{}])[0]
+            stated |= {"gsd": size} if place == "asset" else {"spatial_resolution": size}
+            one["href"] = one["href"] if size == 10 else f"{size}m_{one['href']}"
+            assets[f"{key}_{size}m"] = one
+    item["assets"] = assets
+    (tmp_path / "item.json").write_text(json.dumps(item))
+    (listed,) = list_scenes([str(tmp_path / "item.json")])
+    assert listed.paths == tuple(files)
+
+
+@pytest.mark.parametrize("centre", [True, False])
+def test_bands_that_only_have_common_names_are_opened_once(files, tmp_path, centre):
+    item = item_of(files)
+    del item["assets"]["visual"]
+    for asset in item["assets"].values():
+        for band in asset["eo:bands"]:
+            band.pop("name", None)
+            if not centre:
+                band.pop("center_wavelength", None)
+    (tmp_path / "item.json").write_text(json.dumps(item))
+    (listed,) = list_scenes([str(tmp_path / "item.json")])
+    assert listed.paths == tuple(files)
+
+
+def test_bands_that_share_a_common_name_are_all_opened(files, tmp_path):
+    item = item_of(files)
+    for key, asset in item["assets"].items():
+        if key != "visual":
+            asset["eo:bands"] = [{"common_name": "rededge" if key[:2] in ("b3", "b4") else "nir"}]
+    (tmp_path / "item.json").write_text(json.dumps(item))
+    (listed,) = list_scenes([str(tmp_path / "item.json")])
+    assert sorted(listed.paths) == sorted(files)
+
+
 def test_an_item_of_odd_values_is_read_without_them(files, tmp_path):
     item = item_of(files)
     del item["assets"]["visual"]

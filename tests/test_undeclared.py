@@ -129,7 +129,7 @@ def test_a_second_fit_to_a_scene_finds_the_same_and_says_it_once(sea, write, tmp
 
 
 def test_only_a_part_of_a_large_scene_is_looked_at(sea, write, tmp_path, monkeypatch):
-    monkeypatch.setattr("deglint.readers.undeclared.LOOKED_AT", 3000)
+    monkeypatch.setattr("deglint.readers.undeclared.PIXELS_READ", 3000)
     monkeypatch.setattr("deglint.readers.undeclared.SAMPLED_SIDE", 16)
     scene = open_scene(write(tmp_path / "in.tif", bordered(sea, 0, "uint16")))
     asked = []

@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+import warnings
 from collections import Counter
 from dataclasses import replace
 from inspect import signature
@@ -408,6 +409,28 @@ def test_coordinates_of_any_type_place_the_pixels(dtype):
     given = xarray.DataArray(np.ones((3, 3)), dims=("y", "x"), coords={"y": np.array([3, 2, 1], dtype), "x": x})
     step = float(x[1]) - float(x[0])
     assert open_array(given).scene.transform == rasterio.Affine(step, 0, x[0] - step / 2, 0, -1, 3.5)
+
+
+@pytest.mark.parametrize("dim", ["x", "y"])
+def test_coordinates_that_are_not_evenly_spaced_are_refused(dim):
+    places = {d: np.array([0.0, 1, 2, 9] if d == dim else [0.0, 1, 2, 3]) for d in ("y", "x")}
+    given = xarray.DataArray(np.ones((4, 4)), dims=("y", "x"), coords=places)
+    with pytest.raises(InputError, match=rf"coordinates {dim} are not evenly spaced.*array\.drop_vars\('{dim}'\)"):
+        open_array(given)
+    assert open_array(given.drop_vars(dim)).scene.transform is None
+
+
+def test_coordinates_that_float32_rounds_are_even():
+    places = {"y": np.float32(60) - np.arange(500, dtype="float32") * np.float32(1e-4), "x": np.arange(1.0, 501.0)}
+    placed = open_array(xarray.DataArray(np.ones((500, 500)), dims=("y", "x"), coords=places)).scene.transform
+    assert placed.e == pytest.approx(-1e-4, rel=1e-3)
+
+
+def test_a_declared_transform_is_compared_without_a_warning(sea):
+    given = odc_like(sea())["B02"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert open_array(given).scene.transform is not None
 
 
 def test_a_declared_transform_without_inverse_is_none(sea):

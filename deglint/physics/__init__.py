@@ -14,3 +14,5 @@ Conventions, in every module of this package:
 
 Each module documents its own functions. `deglint.physics.presets` defines a number of sensors.
 """
+
+EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]

@@ -244,10 +244,10 @@ class Correction:
         info, layout = raster_of(self.scene).info, self.layout
         raw, clipped = relaid(np.ascontiguousarray(block.raw), block.valid, info.nodatas, layout.dtype, layout.nodata)
         negative = np.zeros(raw.shape, np.bool_)
-        packing: Any = {"scales": info.scales, "offsets": info.offsets}
         for band, place in block.changes.items():
             nodata = info.nodatas[band] if layout.nodata is None else layout.nodata
-            (negative[band],), (outside,) = encode(physical, raw, bands=[band], where=place, nodata=nodata, **packing)
+            packing: Any = {"scale": info.scales[band], "offset": info.offsets[band]}
+            negative[band], outside = encode(physical[band], raw[band], where=place, nodata=nodata, **packing)
             np.copyto(clipped[band], outside, where=place)
         return raw, negative, clipped
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..physics import glint, sun
+from ..physics import EARTH_RADIUS, glint, sun
 from ..physics._checks import Checked, Floats, ranged
 from .mission import SUN_LIMIT, Mission, tables_of
 
-EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
 SPOILT = 0.5  # share of the view in glint above which no heading is recommended [1]: most of the line is not usable
 _ACROSS, _ALONG = 121, 31  # number of points across and along the field of view

@@ -4,7 +4,7 @@ Physical value = file value * scale + offset. Values for an integer type are rou
 show which ones were clipped. Pixels that were not corrected are not converted, so that no bit of them changes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,6 @@ Valid = npt.NDArray[np.bool_]
 FORGOTTEN = (3.4028e38, 3.40283e38)
 """In floating-point files, numbers with absolute values between these two are not valid: many programs write the
 largest float32 as nodata without declaring it. In float64 files the largest float64 is not valid either."""
-_CONVERTED_AT_ONCE = 1 << 16
-"""Values of a band that are processed at a time. They fit into the CPU cache; whole tiles would take 10 % longer."""
 
 
 def physical_dtype(dtype: npt.DTypeLike) -> np.dtype[Any]:
@@ -35,8 +33,7 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
     band. In float files, the largest float32 or float64 is not valid either. The result has the type `physical_dtype`.
     """
     out = np.empty(raw.shape, physical_dtype(raw.dtype))
-    for band, rows in slabs(raw.shape):
-        numbers, values = raw[band, rows], out[band, rows]
+    for band, (numbers, values) in enumerate(zip(raw, out, strict=True)):
         values[...] = numbers
         with np.errstate(all="ignore"):
             if scales[band] != 1:
@@ -46,17 +43,8 @@ def to_physical(raw: Raw, valid: Valid | None, scales: Sequence[float], offsets:
         if raw.dtype.kind == "f":
             values[~is_finite(numbers) | np.isinf(values)] = np.nan
         if valid is not None:
-            values[~valid[band, rows]] = np.nan
+            values[~valid[band]] = np.nan
     return out
-
-
-def slabs(shape: tuple[int, ...]) -> Iterator[tuple[int, slice]]:
-    """Cut an array of shape (band, row, column) into parts that fit into the CPU cache; yield band and rows of each."""
-    bands, rows, columns = shape
-    step = max(1, _CONVERTED_AT_ONCE // max(1, columns))
-    for band in range(bands):
-        for start in range(0, rows, step):
-            yield band, slice(start, start + step)
 
 
 def is_valid(raw: Raw, nodatas: Sequence[float | None]) -> Valid | None:
@@ -99,7 +87,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Convert file values to another type; return them and the mask of clipped finite values (None if none can be).
+    """Convert file values to another type; return them and the mask of clipped finite values (None if none is).
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN becomes 0.
     """
@@ -107,57 +95,38 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
             return raw.astype(dtype), None
     low, high = _range(dtype)
-    numbers = np.rint(raw, dtype=np.float64) if raw.dtype.kind == "f" else raw  # float32 rounds the limits up
+    wide = np.result_type(raw.dtype, physical_dtype(dtype))  # float32 would round the limits of long integers up
+    numbers = np.rint(raw, dtype=wide) if raw.dtype.kind == "f" else raw
+    if numbers.min(initial=0) >= low and numbers.max(initial=0) <= high:
+        return numbers.astype(dtype), None
     clipped = ((numbers < low) | (numbers > high)) & np.isfinite(numbers)
     return np.clip(np.nan_to_num(numbers, nan=0), low, high).astype(dtype), clipped
 
 
 def encode(
-    physical: FloatArray, raw: npt.NDArray[Any], *, bands: Sequence[int], scales: Sequence[float],
-    offsets: Sequence[float], where: Valid | None = None, nodata: float | None = None,
-) -> tuple[Valid, Valid]:  # fmt: skip
-    """Convert the physical values of some `bands` (0-based) to file values, and write these into `raw`, in place.
+    values: FloatArray, raw: npt.NDArray[Any], *, scale: float, offset: float, where: Valid, nodata: float | None = None
+) -> tuple[Valid, Valid]:
+    """Convert the physical values of a band to file values, and write these into `raw`, in place.
 
-    raw = (physical - offset) / scale; arrays are (band, row, column), with a scale and an offset per band. Integers are
-    rounded to nearest (ties to even) and clipped to the range of the type. A result that equals `nodata` is moved to
-    the next number. `raw` does not change where `physical` is not finite or `where` (row, column) is False.
+    raw = (values - offset) / scale; arrays are (row, column). Integers are rounded to nearest (ties to even) and
+    clipped to the range of the type. A result that equals `nodata` is moved to the next number. `raw` does not change
+    where `values` is not finite or `where` is False.
 
-    Returns two masks (len(bands), row, column), True where a physical value is negative, and True where a value was
-    clipped, or moved because an integer equalled `nodata`.
+    Returns two masks, True where a physical value is negative, and True where a value was clipped, or moved because an
+    integer equalled `nodata`.
     """
-    negative, clipped = np.zeros((2, len(bands), *raw.shape[1:]), np.bool_)
-    for i, rows in slabs(negative.shape):
-        b = bands[i]
-        values = physical[b, rows]
-        put = values.astype(np.result_type(values, physical_dtype(raw.dtype)))
-        if offsets[b] != 0:
-            put -= offsets[b]
-        if scales[b] != 1:
-            put /= scales[b]
-        inside = True if where is None else where[rows]
-        negative[i, rows] = (values < 0) & inside
-        clipped[i, rows] = _put(put, raw[b, rows], np.isfinite(put) & inside, nodata)
-    return negative, clipped
-
-
-def _put(put: FloatArray, raw: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
-    """Write the values `put` into `raw`, converted to its type, where `good` is True; all arrays are (row, column).
-
-    Integers are rounded and clipped. A value that equals `nodata` is moved to the next number. Returns the mask of
-    values that were clipped, and of integers that were moved. The array `put` may be changed, too.
-    """
-    outside = np.zeros(raw.shape, np.bool_)
-    if raw.dtype.kind in "iu":
-        np.rint(put, out=put)
-        low, high = _range(raw.dtype)
-        if not (put.min(initial=0.0) >= low and put.max(initial=0.0) <= high):  # or some are NaN
-            outside = good & ((put < low) | (put > high))
-            put = np.clip(np.where(good, put, 0.0), low, high)
-    with np.errstate(over="ignore"):
-        stored = put.astype(raw.dtype)
-    outside |= _moved(stored, good, nodata)
+    numbers = values.astype(np.result_type(values, physical_dtype(raw.dtype)))
+    if offset != 0:
+        numbers -= offset
+    if scale != 1:
+        numbers /= scale
+    good = np.isfinite(numbers) & where
+    stored, clipped = retype(numbers, raw.dtype)
+    outside = _moved(stored, good, nodata)
+    if clipped is not None:
+        outside |= clipped & good
     np.copyto(raw, stored, where=good)
-    return outside
+    return (values < 0) & where, outside
 
 
 def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid:
@@ -187,10 +156,10 @@ def relaid(
 
     A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
     that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the
-    mask of valid values, None if all are. `own` has the nodata of each band of `raw`; further entries are ignored. If
-    nothing changes, `raw` itself is returned.
+    mask of valid values, None if all are. `own` has the nodata of each band of `raw`. If nothing changes, `raw` itself
+    is returned.
     """
-    own, to = own[: len(raw)], np.dtype(dtype)
+    to = np.dtype(dtype)
     if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):
         return raw, np.zeros(raw.shape, np.bool_)
     hidden, good = is_valid(raw, own), np.ones(raw.shape, np.bool_) if valid is None else valid

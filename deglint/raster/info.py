@@ -235,8 +235,8 @@ def _described(dataset: Any, path: str, alpha_is_band: bool) -> RasterInfo:
 def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
     if not bands:
         inside = ", ".join(dataset.subdatasets[:3])
-        remedy = f"It holds other rasters; name one of them: {inside}" if inside else "Name another file."
-        raise InputError(f"{path} holds no band of its own. {remedy}")
+        advice = f"It holds other rasters; name one of them: {inside}" if inside else "Name another file."
+        raise InputError(f"{path} holds no band of its own. {advice}")
     for i in bands:
         if "complex" in dataset.dtypes[i - 1]:
             raise InputError(

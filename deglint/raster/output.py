@@ -214,10 +214,8 @@ class Layer:
         import rasterio
 
         count, height, width = self.array.shape
-        profile = {
-            "driver": "GTiff", "dtype": self.array.dtype.name, "count": count, "height": height, "width": width,
-            "compress": "deflate", "predictor": 3 if self.array.dtype.kind == "f" else 2,
-        }  # fmt: skip
+        profile = {"driver": "GTiff", "dtype": self.array.dtype.name, "count": count, "height": height, "width": width}
+        profile |= {"compress": "deflate", "predictor": 3 if self.array.dtype.kind == "f" else 2}
         with quiet(), rasterio.open(path, "w", **profile, **options) as out:
             out.write(self.array)
             out.update_tags(MEANING=self.meaning, SOFTWARE=f"deglint {__version__}", **self.tags)
@@ -314,12 +312,10 @@ def plain(value: Any) -> Any:
 def _profile(layout: Layout) -> dict[str, Any]:
     info = layout.info
     rows, columns = layout.block
-    profile: dict[str, Any] = {
-        "driver": "GTiff", "height": info.height, "width": info.width, "count": len(layout.bands),
-        "dtype": layout.dtype, "nodata": layout.nodata, "crs": info.crs,
-        "tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER",
-        "interleave": info.interleave if info.interleave in ("pixel", "band") else "band",
-    }  # fmt: skip
+    profile: dict[str, Any] = {"driver": "GTiff", "height": info.height, "width": info.width, "crs": info.crs}
+    profile |= {"count": len(layout.bands), "dtype": layout.dtype, "nodata": layout.nodata}
+    profile |= {"tiled": True, "blockxsize": columns, "blockysize": rows, "BIGTIFF": "IF_SAFER"}
+    profile["interleave"] = info.interleave if info.interleave in ("pixel", "band") else "band"
     if info.transform is not None:
         profile["transform"] = info.transform
     if info.compression in ("deflate", "lzw", "zstd", "lzma", "packbits", "lerc"):

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from ..scene import FloatArray, Window
-from .convert import FlatField, Raw, Valid, is_valid, to_physical
+from .convert import FlatField, Raw, Valid, is_valid, same_nodata, to_physical
 from .info import RasterInfo, gdal_errors, one_line, open_dataset, remedy
 
 
@@ -49,10 +49,9 @@ class FileBands:
 
     def declared(self, nodatas: tuple[float | None, ...]) -> Self:
         """A copy with other nodata values; if all are the same number, resampling leaves it out."""
-        if self.warp is None or nodatas[0] is None or len({*nodatas}) > 1:
+        if self.warp is None or nodatas[0] is None or not all(same_nodata(nodatas[0], n) for n in nodatas):
             return replace(self, nodatas=nodatas)
-        warp = {k: v for k, v in self.warp.items() if k != "add_alpha"}
-        warp |= {"src_nodata": nodatas[0], "nodata": nodatas[0]}
+        warp = {**self.warp, "add_alpha": False, "src_nodata": nodatas[0], "nodata": nodatas[0]}
         return replace(self, nodatas=nodatas, alpha=None if self.warp.get("add_alpha") else self.alpha, warp=warp)
 
 
@@ -73,7 +72,7 @@ class RasterSource:
 
     def declared(self, info: RasterInfo) -> Self:
         """Copy of this source with the nodata and offsets of `info`."""
-        found = copy.copy(self)
+        found = copy.copy(self)  # by `__reduce__`: with a pool of its own, no deadline, and nothing read or found
         if info.nodatas != self.info.nodatas:
             left = iter(info.nodatas)
             found.files = tuple(f.declared(tuple(islice(left, len(f.indexes)))) for f in self.files)
@@ -116,10 +115,12 @@ class RasterSource:
         Raises
         ------
         InputError
-            The window reaches outside the scene.
+            The window reaches outside the scene, or a band is not in it.
         ReadError
             A file is missing, truncated or damaged, this source is closed, or its `deadline` is past.
         """
+        if outside := [b for b in bands if not 0 <= b < self.info.count]:
+            raise InputError(f"bands: allowed are 0-{self.info.count - 1}, counted from 0, got {outside[0]}")
         raw, valid = self._read(window, bands)
         scales, offsets = ([values[b] for b in bands] for values in (self.info.scales, self.info.offsets))
         return to_physical(raw, valid, scales, offsets)
@@ -159,27 +160,17 @@ class RasterSource:
 
     def _stacked(self, datasets: Sequence[Any], window: Window, bands: Sequence[int]) -> tuple[Raw, Valid | None]:
         """Read file values (band, row, column), and their mask from masks, alpha and nodata; None if all are valid."""
-        shape = (len(bands), window[0][1] - window[0][0], window[1][1] - window[1][0])
-        if 0 in shape:
-            return np.empty(shape, self.info.dtype), None
-        raw, valid, start = np.empty(shape, self.info.dtype), None, 0
+        (top, bottom), (left, right) = window
+        raw, valid, start = np.empty((len(bands), bottom - top, right - left), self.info.dtype), None, 0
+        if not raw.size:
+            return raw, None
         for file, dataset in zip(self.files, datasets, strict=True):
             at = [k for k, b in enumerate(bands) if 0 <= b - start < len(file.indexes)]
             own = [bands[k] - start for k in at]
             start += len(file.indexes)
             if not at:
                 continue
-            part = np.empty((len(at), *shape[1:]), raw.dtype)
-            indexes = [file.indexes[b] for b in own]
-            if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
-                dataset.read(indexes, window=window, out=part)
-            else:  # rasterio cannot read bands of several types at once
-                for numbers, i in zip(part, indexes, strict=True):
-                    dataset.read(i, window=window, out=numbers)
-            known = _validity(file, dataset, part, own, window)
-            if file.flat is not None:
-                for numbers, b in zip(part, own, strict=True):
-                    file.flat.apply(numbers, window, file.nodatas[b])
+            part, known = _read_file(file, dataset, own, window, self.info.dtype)
             if len(self.files) == 1:
                 return part, known
             raw[at] = part
@@ -235,6 +226,22 @@ def _open(file: FileBands) -> Any:
 
     dataset = open_dataset(file.path)
     return dataset if file.warp is None else WarpedVRT(dataset, **file.warp)
+
+
+def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, dtype: Any) -> tuple[Raw, Valid | None]:
+    """Read `bands` (0-based, in `file.indexes`) of a file as values of type `dtype`, and the mask as in `_stacked`."""
+    (top, bottom), (left, right) = window
+    raw, indexes = np.empty((len(bands), bottom - top, right - left), dtype), [file.indexes[b] for b in bands]
+    if len({dataset.dtypes[i - 1] for i in indexes}) == 1:
+        dataset.read(indexes, window=window, out=raw)
+    else:  # rasterio cannot read bands of several types at once
+        for numbers, i in zip(raw, indexes, strict=True):
+            dataset.read(i, window=window, out=numbers)
+    valid = _validity(file, dataset, raw, bands, window)
+    if file.flat is not None:
+        for numbers, b in zip(raw, bands, strict=True):
+            file.flat.apply(numbers, window, file.nodatas[b])
+    return raw, valid
 
 
 def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:

@@ -63,13 +63,12 @@ def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Wi
     out = np.zeros((bottom - top, right - left), np.bool_)
     shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, bounds, strict=True)]
     # the squares do not depend on the window, so that a centre on an edge falls to the same side in every window
-    across, down = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
-    for row, column in product(across, down):
+    down, across = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
+    for row, column in product(down, across):
         cell = geometry_mask(shapes, (_POLYGON_CELL, _POLYGON_CELL), _moved(transform, column, row), invert=True)
-        rows = slice(max(top, row), min(bottom, row + _POLYGON_CELL))
-        columns = slice(max(left, column), min(right, column + _POLYGON_CELL))
-        inside = cell[rows.start - row : rows.stop - row, columns.start - column : columns.stop - column]
-        out[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = inside
+        cell = cell[max(top - row, 0) : bottom - row, max(left - column, 0) : right - column]
+        (first, start), (height, width) = (max(row - top, 0), max(column - left, 0)), cell.shape
+        out[first : first + height, start : start + width] = cell
     return out
 
 

@@ -17,6 +17,7 @@ from ..raster import RasterInfo
 from ..raster.source import ArraySource
 from ..scene import Scene
 from .bands import bands_of
+from .grid import at
 from .opening import with_nodata
 from .spectral import nominal_wavelength
 
@@ -27,6 +28,7 @@ _NODATA_NAMES = ("nodata", "_FillValue", "missing_value")
 _SCALE_NAMES, _OFFSET_NAMES = ("scale_factor", "scales"), ("add_offset", "offsets")
 PER_BAND = dict.fromkeys(_NODATA_NAMES, np.nan) | dict.fromkeys(_SCALE_NAMES, 1.0) | dict.fromkeys(_OFFSET_NAMES, 0.0)
 """Attributes that may have one entry per band, and the entry of a band without one."""
+_EVENLY_SPACED = 0.1  # allowed difference between coordinates and those of a regular grid [pixel]
 _CLOSE = 1e-3  # allowed difference between coordinates and a declared transform [pixel]
 
 
@@ -207,7 +209,8 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
     """Affine transform of an array, from its coordinates along the dimensions called `rows` and `columns`.
 
     If `grid` (the attributes of the grid mapping) or the array declares a transform that agrees with the coordinates,
-    it is used, as its numbers are exact. It is also used if there are no coordinates. None if there is neither.
+    it is used, as its numbers are exact. It is also used if there are no coordinates. None if there is neither. Raises
+    InputError if coordinates are not evenly spaced.
     """
     numbers, given = _floats(str(grid.get("GeoTransform", "")).split()), _floats(array.attrs.get("transform"))
     stated = Affine.from_gdal(*numbers) if len(numbers) == 6 else Affine(*given[:6]) if len(given) in (6, 9) else None
@@ -215,17 +218,24 @@ def _transform(array: Any, grid: Mapping[str, Any], rows: Any, columns: Any) -> 
         stated = None
     x, y = (array.coords[d].values if d in array.coords else np.empty(0) for d in (columns, rows))
     steps = []
-    for along, declared in ((x, stated.a if stated else 0.0), (y, stated.e if stated else 0.0)):
+    for name, along, declared in ((columns, x, stated.a if stated else 0.0), (rows, y, stated.e if stated else 0.0)):
         if along.ndim != 1 or not along.size or along.dtype.kind not in "fiu":
             return stated
-        steps.append((float(along[-1]) - float(along[0])) / (len(along) - 1) if len(along) > 1 else declared)
+        step = (float(along[-1]) - float(along[0])) / (len(along) - 1) if len(along) > 1 else declared
+        rounding = float(np.finfo(along.dtype).eps * abs(along).max()) if along.dtype.kind == "f" else 0.0
+        if (abs(along - float(along[0]) - step * np.arange(len(along))) > _EVENLY_SPACED * abs(step) + rounding).any():
+            raise InputError(
+                f"coordinates {name} are not evenly spaced. Resample the array to a regular grid, or leave them out: "
+                f"array.drop_vars({name!r})."
+            )
+        steps.append(step)
     across, down = steps
     if not across or not down:
         return stated
     own = Affine(across, 0.0, float(x[0]) - across / 2, 0.0, down, float(y[0]) - down / 2)
     if stated is None:
         return own
-    first, last = (~stated * (own * at) for at in ((0, 0), (len(x), len(y))))
+    first, last = (at(~stated, *at(own, *corner)) for corner in ((0, 0), (len(x), len(y))))
     same_size = all(abs(b - a - n) < _CLOSE for a, b, n in zip(first, last, (len(x), len(y)), strict=True))
     # coordinates are of the centres of pixels, or of their corners (stackstac)
     return stated if same_size and any(all(abs(a - shift) < _CLOSE for a in first) for shift in (0.0, -0.5)) else own

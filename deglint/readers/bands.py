@@ -47,7 +47,8 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
     """Return the bands of a scene, the name of the sensor preset that was used (or None), and notes for the log.
 
     `stems` has, for each band in `info`, the name of its file without extension, or "". A band without a name is named
-    after its file. `sensor` is the preset or .toml file that the user selected, or None.
+    after its file. `sensor` is the preset or .toml file that the user selected, or None. The wavelength of a band is
+    that in a tag, else the number in its name, else the preset's, else that of a code, letter or colour in its name.
     """
     names, unnamed = _names(info, stems)
     bands = [

@@ -7,6 +7,7 @@ read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,13 @@ from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
-_OFF = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
+_SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_TRUE = 0.01  # largest relative error of lengths in a map projection that is neglected; UTM has at most 0.001
+_NEGLIGIBLE_DISTORTION = 0.01  # of lengths in a map projection, relative; that of UTM is at most 0.001
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
-    """Put files on one grid: return a `FileBands` for each, the description of the file with that grid, and notes.
+    """Put files on one grid: return their bands in order, the description of the file with that grid, and notes.
 
     `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, or (the end of) its name.
     """
@@ -50,7 +51,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
         finer = area < 0.98 * areas[chosen]
-        files.append(_warped(info, reference, how="average" if finer else "bilinear"))
+        files += _warped(info, reference, how="average" if finer else "bilinear")
         how = "averaged" if finer else "resampled (bilinear)"
         moved.setdefault((how, info.tags.get("", {}).get("product") or info.paths[0]), []).append(_called(info))
     notes = [
@@ -116,7 +117,7 @@ def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
     if info.transform is None or reference.transform is None:
         return True
     back = ~reference.transform
-    return all(math.dist(at(back, *at(info.transform, *corner)), corner) < _OFF for corner in corners_of(info))
+    return all(math.dist(at(back, *at(info.transform, *corner)), corner) < _SAME_CORNER for corner in corners_of(info))
 
 
 def corners_of(info: RasterInfo | Scene) -> list[tuple[int, int]]:
@@ -130,13 +131,11 @@ def at(transform: Any, x: Any, y: Any) -> tuple[Any, Any]:
     return t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f
 
 
-def nearest_on(info: RasterInfo, grid: RasterInfo | Scene, *, nodata: float | None = None) -> RasterSource:
-    """Source that reads a file, resampled to `grid` by nearest neighbour; `nodata` replaces the nodata of the file."""
-    if nodata is not None:
-        info = replace(info, nodatas=(nodata,) * info.count)
-    file = FileBands.of(info) if same_grid(info, grid) else _warped(info, grid, how="nearest")
+def nearest_on(info: RasterInfo, grid: RasterInfo | Scene) -> RasterSource:
+    """Source that reads a file, resampled to `grid` by nearest neighbour."""
+    files = [FileBands.of(info)] if same_grid(info, grid) else _warped(info, grid, how="nearest")
     place = {name: getattr(grid, name) for name in ("height", "width", "crs", "transform")}
-    return RasterSource([file], replace(info, **place, nodatas=file.nodatas))
+    return RasterSource(files, replace(info, **place, nodatas=tuple(n for file in files for n in file.nodatas)))
 
 
 def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
@@ -145,14 +144,18 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
     """
-    each = [nearest_on(describe_file(path), grid, nodata=0.0) for path in paths]
+    infos = map(describe_file, paths)
+    each = [nearest_on(replace(info, nodatas=(0.0,) * info.count), grid) for info in infos]
     facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
     joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
     return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
 
 
-def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> FileBands:
-    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`."""
+def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> list[FileBands]:
+    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`.
+
+    GDAL leaves out one number for nodata of a file: successive bands with another one are a `FileBands` of their own.
+    """
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
 
@@ -162,28 +165,26 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> Fil
             f"gdal_edit.py -colorinterp_{info.count} undefined {info.paths[0]}"
         )
     anywhere = CRS.from_epsg(3857)  # any CRS will do for files without one: they lie in the same plane
-    nodatas, alpha = info.nodatas, info.alpha
-    declared = next((n for n in nodatas if n is not None), math.nan if "float" in info.dtypes[0] else None)
     warp: dict[str, Any] = {
         "src_crs": info.crs or reference.crs or anywhere,
+        "src_transform": _transform(info) if info.transform is None else None,
         "crs": reference.crs or info.crs or anywhere,
         "transform": _transform(reference),
         "height": reference.height,
         "width": reference.width,
         "resampling": Resampling[how],
         "tolerance": 1e-4,  # [pixel]; positions depend on the window by this much
-        "src_nodata": declared,
-        "nodata": declared,
+        "src_nodata": None,
+        "nodata": None,
         "UNIFIED_SRC_NODATA": "NO",  # a pixel may be nodata in one band alone, or masked
+        "add_alpha": info.alpha is None,
     }
-    if info.transform is None:
-        warp["src_transform"] = _transform(info)
-    if declared is not None:
-        nodatas = (declared,) * len(nodatas)
-    elif alpha is None:
-        warp["add_alpha"], alpha = True, info.count + 1
     # no flat field: it holds only for pixels that are not resampled
-    return replace(FileBands.of(info), warp=warp, nodatas=nodatas, alpha=alpha, masked=False, flat=None)
+    whole = replace(FileBands.of(info), warp=warp, alpha=info.alpha or info.count + 1, masked=False, flat=None)
+    nodatas = [math.nan if n is None and "float" in d else n for n, d in zip(info.nodatas, info.dtypes, strict=True)]
+    groups = groupby(zip(whole.indexes, nodatas, strict=True), key=lambda band: str(band[1]))
+    each = [zip(*group, strict=True) for _, group in groups]
+    return [replace(whole, indexes=indexes).declared(alike) for indexes, alike in each]
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
@@ -209,7 +210,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
     if crs.is_projected:
         unit = float(crs.linear_units_factor[1])
         stated = unit * math.hypot(*steps[0]), unit * math.hypot(*steps[1])
-        if all(abs(found - s) <= _TRUE * s for found, s in zip((across, down), stated, strict=True)):
+        if all(abs(found - s) <= _NEGLIGIBLE_DISTORTION * s for found, s in zip((across, down), stated, strict=True)):
             return stated
     return across, down
 

@@ -101,9 +101,13 @@ def open_scene(
 
 
 def _stacked(
-    paths: Sequence[str], preset: str | None, nir: Wanted | None, nodata: float | str | None, grid: str | int | None,
+    paths: Sequence[str],
+    preset: str | None,
+    nir: Wanted | None,
+    nodata: float | str | None,
+    grid: str | int | None,
     given: Given,
-) -> Scene:  # fmt: skip
+) -> Scene:
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
     count = max(len(given["bands"]), len(given["wavelengths"]))
@@ -117,7 +121,8 @@ def _stacked(
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
     info = _with_given(_together(infos, reference), given)
-    found, known, told = bands_of(info, [_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes], preset)
+    stems = [_file_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
+    found, known, told = bands_of(info, stems, preset)
     if len(infos) > 1 or preset is not None or count:
         info = labelled(info, found)
     return Scene(
@@ -189,7 +194,7 @@ def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
     return replace(reference, **joined, alpha=None)
 
 
-def _stem(info: RasterInfo) -> str:
+def _file_stem(info: RasterInfo) -> str:
     """Name of a file with one band, without folder and extension; "" for a file with several bands."""
     return re.split(r"[/\\!:]", info.paths[0])[-1].rsplit(".", 1)[0] if info.count == 1 else ""
 

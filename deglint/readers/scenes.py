@@ -8,6 +8,7 @@ import csv
 import glob
 import io
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from ..raster.info import REMOTE_NAME
 from . import products
 from .products.metadata import ProductBand, angle_tags, filled, tags_of
 from .spectral import nanometres, nominal_wavelength
-from .text import number, read_json, read_text
+from .text import number, positive, read_json, read_text
 
 LONGEST_NAME = 150  # allowed length of the name of a scene; names of outputs are longer
 _MAGIC = re.compile(r"[*?\[]")
@@ -120,8 +121,8 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
     # but Items of Sentinel-2 and PlanetScope use it so
-    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle",
-             "off_nadir": "off_nadir", "view_azimuth": "azimuth"}  # fmt: skip
+    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle"}
+    names |= {"off_nadir": "off_nadir", "view_azimuth": "azimuth"}
     angles: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
     texts = {k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
     tags = tags_of(texts | angle_tags(**angles))
@@ -139,16 +140,20 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
     said = {k: _said(a, k) for k, a in usable.items()}
-    singles: dict[str, str] = {}
-    # of two formats TIFF is used, as it is read in parts
-    for key in sorted(said, key=lambda k: "tiff" not in str(usable[k].get("type"))):
-        if len(said[key]) == 1:
-            ((common, band),) = said[key]
-            if band.wavelength is not None and common not in _NOT_BANDS:
-                singles.setdefault(band.name, key)
+    # of several pixel sizes the smallest is used; of two formats TIFF, as it is read in parts
+    rank = {k: (f[0][0]["gsd"], "tiff" not in str(usable[k].get("type"))) for k, f in said.items() if len(f) == 1}
+    singles: dict[Any, list[str]] = {}
+    for key in sorted(rank, key=rank.__getitem__):
+        ((stated, band),) = said[key]
+        common = str(stated.get("common_name") or "")
+        if band.wavelength is not None and common not in _NOT_BANDS:
+            same = singles.setdefault(stated["name"] or (common, band.wavelength), [])
+            if not same or (not stated["name"] and rank[key] == rank[same[0]]):  # such as three red-edge bands
+                same.append(key)
+    keys = sorted([k for same in singles.values() for k in same], key=lambda k: said[k][0][1].wavelength or 0.0)
+    if len(keys) > 1:
+        return keys
     several = [k for k, bands in said.items() if len(bands) > 1]
-    if len(singles) > 1:
-        return sorted(singles.values(), key=lambda k: said[k][0][1].wavelength or 0.0)
     if len(several) == 1:
         return several
     keys = [k for k in rasters if "data" in roles[k]] or list(rasters) or list(assets)
@@ -160,11 +165,12 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
     )
 
 
-def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[str, ProductBand]]:
-    """Common name ("" if none) and properties of each band of an asset; `file` is the GDAL name of its file.
+def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[dict[str, Any], ProductBand]]:
+    """What an Item states about each band of an asset, also as a `ProductBand`; `file` is the GDAL name of its file.
 
-    They are read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
+    It is read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
     missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
+    "gsd" is the size of a pixel [m], infinite if it is not stated.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -174,15 +180,16 @@ def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> lis
         said: dict[str, Any] = {}
         for own in [asset, *(n[i] for n in lists if len(n) == count)]:
             said |= {re.sub(r"^(?:eo|raster):", "", str(k)): v for k, v in own.items()}
-        common = str(said.get("common_name") or "")
-        name = said["name"] if isinstance(said.get("name"), str) and said["name"] else str(key)
+        said["gsd"] = positive(said.get("spatial_resolution")) or positive(said.get("gsd")) or math.inf
+        said["name"] = said["name"] if isinstance(said.get("name"), str) else ""
+        name = said["name"] or str(key)
         centre, width = number(said.get("center_wavelength")), number(said.get("full_width_half_max"))
-        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(common or name)
+        wavelength = nanometres(centre, "um") if centre else nominal_wavelength(str(said.get("common_name") or name))
         band = ProductBand(file, name, wavelength, nanometres(width, "um") if width else None)
         scale, offset, nodata = (number(said.get(k)) for k in ("scale", "offset", "nodata"))
         unit = said["unit"] if isinstance(said.get("unit"), str) else None
         offset = 0.0 if applied or offset is None else offset
-        found.append((common, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
+        found.append((said, replace(band, scale=scale or 1.0, offset=offset, nodata=nodata, unit=unit)))
     return found
 
 
@@ -230,13 +237,13 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
 def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
     ending = Path(text).suffix.lower()
     if products.name_of(text) is not None:
-        yield ListedScene(_stem(text), (text,))
+        yield ListedScene(_scene_name(text), (text,))
     elif _MAGIC.search(text) and not Path(text).exists():
         names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207  (Path.glob knows no absolute patterns)
         if not names:
             raise ReadError(f"no file fits {text}. Check the pattern, and the directory that it starts from.")
         for name in names:
-            yield ListedScene(_stem(name), (name,))
+            yield ListedScene(_scene_name(name), (name,))
     elif ending == ".csv":
         yield from _of_csv(text)
     elif ending in (".json", ".geojson") or re.match(r"https?://.+/items/[^/]+$", text, re.IGNORECASE):
@@ -245,10 +252,10 @@ def _of_argument(text: str, assets: Sequence[str]) -> Iterator[ListedScene]:
             source = f"{text}#{item['id']}" + (f"#{','.join(assets)}" if assets else "")
             yield ListedScene(checked_name(item["id"], text), files, source)
     else:
-        yield ListedScene(_stem(text), (text,))
+        yield ListedScene(_scene_name(text), (text,))
 
 
-def _stem(path: str) -> str:
+def _scene_name(path: str) -> str:
     """Name of a scene: the name of its product, else the name of its file without folder and extension."""
     last = re.split(r"[/\\:]", path.rstrip("/"))[-1]
     return checked_name(products.name_of(path) or Path(last).stem or last, path)
@@ -274,6 +281,6 @@ def _of_csv(path: str) -> Iterator[ListedScene]:
             if not files:
                 raise InputError(f"{path}, line {rows.line_num}: the column path is empty. Name the scene's file.")
             name = (row.get("name") or "").strip()
-            yield ListedScene(checked_name(name, path) if name else _stem(files[0]), files)
+            yield ListedScene(checked_name(name, path) if name else _scene_name(files[0]), files)
     except csv.Error as error:
         raise InputError(f"{path}, line {rows.line_num}: not CSV: {error}.") from error

@@ -54,8 +54,11 @@ NOMINAL = {word: centre for centre, words in _WORDS.items() for word in words.sp
 _LETTERS = {"c": 440.0, "b": 485.0, "g": 555.0, "y": 605.0, "r": 660.0, "re": 720.0, "n": 840.0, "nir": 840.0}
 """Centres [nm] of colours that are given by letters; used only if the names of all bands are such letters."""
 
-_WITH_UNIT = re.compile(
-    r"(?<![\d.])(\d+(?:\.\d+)?)\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
+_UNIT = r"\s*(nm|nanomet(?:er|re)s?|um|[µμ]m|micromet(?:er|re)s?|microns?)(?![a-z])"
+_WITH_UNIT = re.compile(rf"(?<![\d.])(\d+(?:\.\d+)?){_UNIT}")
+# the lower end has 3 digits or a decimal point: "Band 2 - 2.2 um" is no range
+_ENDS = re.compile(
+    rf"(?<![\d.])(\d{{3,}}(?:\.\d+)?|\d*\.\d+)(?:{_UNIT})?\s*(?:[-~\u2010-\u2014]|to)\s*(\d*\.?\d+){_UNIT}"
 )
 _NAME_PREFIX = (
     r"(?:(?:nbart|nbar|sr|toa|boa|refl|reflectance|srefl|surface|lambertian|l1c|l2a|adjusted|radiance|rad|rho[a-z]{0,3}|"
@@ -174,22 +177,29 @@ def wavelength_in_name(name: str) -> float | None:
 
     A number counts if it has a unit, if it is near the wavelength of a colour word in the name, or if only a prefix
     ("band") precedes it. A number alone from 1970 to 2100 may be a year and does not count. None if there is no number.
+    Of a range with a unit, it is the middle.
 
     >>> wavelength_in_name("band_0.490"), wavelength_in_name("865 nm"), wavelength_in_name("B08")
     (490.0, 865.0, None)
+    >>> wavelength_in_name("Blue 450-520 nm"), wavelength_in_name("0.52-0.60 um")
+    (485.0, 560.0)
     >>> wavelength_in_name("Blue-444"), wavelength_in_name("Red edge 705"), wavelength_in_name("nir_2016")
     (444.0, 705.0, None)
     """
     text = name.strip().lower()
     if spelled := _WITH_UNIT.search(text):
-        value = nanometres(float(spelled[1]), spelled[2])
-        return value if value is not None and SPECTRAL_RANGE[0] <= value <= SPECTRAL_RANGE[1] else None
+        value = nanometres(float(spelled[1]), spelled[2]) or 0.0
+        ends = _ENDS.search(text)
+        if ends and ends.start() <= spelled.start():  # else the centre stands before the range
+            low, high = (nanometres(float(n), ends[4]) or 0.0 for n in (ends[1], ends[3]))
+            value = round((low + high) / 2, 6) if SPECTRAL_RANGE[0] <= low < high else value
+        return value if SPECTRAL_RANGE[0] <= value <= SPECTRAL_RANGE[1] else None
     if bare := _BARE.fullmatch(text):
-        number = float(bare[2])
-        if number < 3:
-            return round(number * 1000, 6)
-        year = _YEARS[0] <= number <= _YEARS[1] and bare[0] == bare[2]
-        return number if _RANGE[0] <= number <= _RANGE[1] and not year else None
+        value = float(bare[2])
+        if value < 3:
+            return round(value * 1000, 6)
+        year = _YEARS[0] <= value <= _YEARS[1] and bare[0] == bare[2]
+        return value if _RANGE[0] <= value <= _RANGE[1] and not year else None
     nominal = nominal_wavelength(name) or 0.0
     numbers = {float(n) for n in re.findall(r"(?<![\d.])\d{3,4}(?![\d.])", text)}
     fits = [n for n in numbers if abs(n - nominal) < _NEAR_NOMINAL * nominal]

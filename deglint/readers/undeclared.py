@@ -24,7 +24,7 @@ from .bands import labelled
 from .spectral import nominal_wavelength
 
 log = logging.getLogger("deglint")
-LOOKED_AT = 400_000  # pixels of a scene that are read; smaller scenes are read completely
+PIXELS_READ = 400_000  # pixels of a scene that are read; smaller scenes are read completely
 SAMPLED_SIDE = 128  # side of the tiles that are read [pixel]
 LEAST_SHARE, LEAST_OF_NOTHING = 0.02, 0.001
 """A value that is equal in all bands is nodata if its areas fill at least this share of the pixels. The second share
@@ -112,9 +112,9 @@ def undeclared(scene: Scene) -> Undeclared:
 def _tiles(scene: Scene) -> list[Tile]:
     """Tiles to read: all tiles of a small scene, or a regular grid of tiles from edge to edge of a larger one."""
     side, size = SAMPLED_SIDE, (scene.height, scene.width)
-    if scene.height * scene.width <= LOOKED_AT:
+    if scene.height * scene.width <= PIXELS_READ:
         return tiling.tiles(*size, (side, side))
-    wanted = LOOKED_AT / side**2
+    wanted = PIXELS_READ / side**2
     down = min(max(round(math.sqrt(wanted * scene.height / scene.width)), 3), -(-scene.height // side))
     across = min(max(round(wanted / down), 3), -(-scene.width // side))
     rows, columns = (

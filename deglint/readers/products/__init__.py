@@ -26,9 +26,8 @@ PRODUCTS: dict[str, Any] = {
     "MicaSense and DJI captures": drone,
 }
 """Module of each family of products, in the order in which they are tried. In a module, METADATA is the regular
-expression for names of metadata files, and IMAGES that for names of images that may have metadata nearby."""
-_FOLDERS_ABOVE = 4
-"""Number of folders above an image in which Sentinel-2 metadata may lie; other families have them beside it."""
+expression for names of metadata files, and IMAGES that for names of images that may have metadata nearby: beside them,
+or up to FOLDERS_ABOVE folders above."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
     """Nearest folder above `place` with metadata of `family`, or None. `folder` lists the files in a folder `place`."""
-    wanted, above = re.compile(family.METADATA, re.IGNORECASE), _FOLDERS_ABOVE if family is sentinel2 else 0
+    wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))
     elif wanted.fullmatch(place.name):

@@ -60,10 +60,8 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
     mission = said(root, ".//Strip_Source/MISSION", ".//MISSION").upper()
     index = said(root, ".//Strip_Source/MISSION_INDEX", ".//MISSION_INDEX")
     when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
-    tags = tags_of({
-        "satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None,
-        "view_angle": said(root, ".//INCIDENCE_ANGLE"),
-    } | _angles(root))  # fmt: skip
+    facts = {"satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None}
+    tags = tags_of(facts | {"view_angle": said(root, ".//INCIDENCE_ANGLE")} | _angles(root))
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
     kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()
     return Product(kind, name, tuple(bands), "pleiades" if mission == "PHR" else None, tags, tuple(notes))

@@ -5,17 +5,16 @@ of Level 2 also has the factors of Level 1, under the same names, so factors are
 """
 
 import math
-import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 from ..text import positive
-from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from .metadata import FULL, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
 
-METADATA = r"L[CO]0[89]_.*_MTL\.(?:txt|json|xml)"
+METADATA = r"(?P<scene>L[CO]0[89]_.*)_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
-_MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"),
-               "2": ("LEVEL2_SURFACE_REFLECTANCE_PARAMETERS", "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS")}  # fmt: skip
+_LEVEL2 = "LEVEL2_SURFACE_REFLECTANCE_PARAMETERS"
+_MTL_GROUPS = {"1": ("LEVEL1_RADIOMETRIC_RESCALING", "LEVEL1_MIN_MAX_PIXEL_VALUE"), "2": (_LEVEL2, _LEVEL2)}
 """For each level, two groups of the MTL file: that with scales and offsets, and that with the largest file values."""
 SURFACE = (2.75e-05, -0.2)
 """Scale and offset of every Level-2 product of Collection 2 (USGS), used if the MTL file is missing."""
@@ -30,17 +29,16 @@ CIRRUS = (1373.5, 20.0)  # centre and width of B9 [nm] (USGS: 1363-1384 nm); the
 
 def find(container: Container) -> Product | None:
     """The product in `container`, or None. If the user named an image in it, the product has only this band."""
-    named, images = container.named, container.matches(IMAGES)
+    named, images, texts = container.named, container.matches(IMAGES), container.matches(METADATA)
     if named is not None:
-        images = [(n, m) for n, m in images if named == n or _stem(named) == m["scene"]]
+        scene_of = {n: m["scene"] for n, m in texts}
+        images = [(n, m) for n, m in images if named == n or scene_of.get(named) == m["scene"]]
     if not images:
         return None
     scenes = sorted({m["scene"] for _, m in images})
     scene = container.only(scenes, "Landsat scenes", scenes, "Name the *_MTL.txt file of one.")
     level = "2" if any(m["band"].upper().startswith("SR_") for _, m in images) else "1"
-    own = sorted(
-        (m for m in container.find(METADATA) if _stem(m) == scene), key=lambda m: (not m.lower().endswith(".txt"), m)
-    )
+    own = sorted([n for n, m in texts if m["scene"] == scene], key=lambda n: (not n.lower().endswith(".txt"), n))
     root = container.tree(own[0], _MTL_GROUPS[level][0]) if own else None
     notes = [] if own else [f"{container.path} has no *_MTL.txt: {_WITHOUT_MTL[level]}"]
     bands = [_band(container.gdal(n), m["band"].upper(), m["number"], level, root) for n, m in images]
@@ -61,10 +59,6 @@ def find(container: Container) -> Product | None:
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"
     return Product(kind, scene, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes))
-
-
-def _stem(member: str) -> str:
-    return re.sub(r"_MTL\.\w+$", "", last(member), flags=re.IGNORECASE)
 
 
 def _band(path: str, name: str, digit: str, level: str, root: ET.Element | None) -> ProductBand:

@@ -32,9 +32,9 @@ _NOT_ENHANCED = ("", "OFF", "NONE")
 def find(container: Container) -> Product | None:
     """The multispectral product in `container`; if the user named a file in it, the product of this file; or None."""
     named = container.named
-    stems = {_stem(n) for n in container.find(METADATA)}
+    stems = {_without_ending(n) for n in container.find(METADATA)}
     if named is not None:
-        stems &= {_stem(named)}
+        stems &= {_without_ending(named)}
     found = []
     for stem in sorted(stems):
         beside = (container.beside(stem, last(stem) + ending) for ending in (".imd", ".xml"))
@@ -69,10 +69,9 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
         bands.append(replace(band, scale=factor / width, unit=PRODUCT_UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
-    facts = {
-        "acquired": ("FIRSTLINETIME", "TLCTIME"), "sun_azimuth": ("MEANSUNAZ",), "sun_elevation": ("MEANSUNEL",),
-        "view_azimuth": ("MEANSATAZ",), "view_elevation": ("MEANSATEL",), "off_nadir_angle": ("MEANOFFNADIRVIEWANGLE",),
-    }  # fmt: skip
+    facts = {"acquired": ("FIRSTLINETIME", "TLCTIME"), "sun_azimuth": ("MEANSUNAZ",), "sun_elevation": ("MEANSUNEL",)}
+    facts |= {"view_azimuth": ("MEANSATAZ",), "view_elevation": ("MEANSATEL",)}
+    facts |= {"off_nadir_angle": ("MEANOFFNADIRVIEWANGLE",)}
     tags = tags_of({"satellite": title} | {k: said(root, *(f".//{n}" for n in names)) for k, names in facts.items()})
     known = title if satellite in _SATELLITES else "Maxar"
     kind = f"{known} {said(root, './/PRODUCTLEVEL')}".strip()
@@ -84,7 +83,7 @@ def _letters(root: ET.Element) -> list[str]:
     return [n.tag.removeprefix("BAND_") for n in root if n.tag.startswith("BAND_")]
 
 
-def _stem(member: str) -> str:
+def _without_ending(member: str) -> str:
     return str(PurePosixPath(member).with_suffix(""))
 
 

@@ -21,6 +21,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ...errors import InputError, ReadError
+from ...physics import EARTH_RADIUS
 from ...raster import FlatField, RasterInfo
 from ...raster.info import describe_file
 from ..spectral import with_spectral
@@ -208,7 +209,6 @@ def tags_of(facts: Mapping[str, Any]) -> dict[str, str]:
     return {k: str(v).strip()[:200] for k, v in facts.items() if v not in (None, "")}
 
 
-EARTH_RADIUS = 6_371_000.0  # mean radius of the Earth [m]
 ORBIT = 600_000.0
 """Altitude of a satellite if it is not known [m]. Imaging satellites fly at 450 to 800 km, which changes an incidence
 angle of 20 degrees by at most 0.7 degrees."""
@@ -301,12 +301,11 @@ def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, 
     Scale, offset, nodata and dataset tags in the file take precedence. `sensor` is the value of tag "sensor", or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
-    own = bool(scaled_by_itself(info))
     flat = bands[0].flat if info.count == 1 else None
     dataset_tags = ({"sensor": sensor} if sensor else {}) | dict(tags) | dict(info.tags.get("", {}))
     named = replace(info, descriptions=tuple(b.name for b in bands), tags={**info.tags, "": dataset_tags})
     named = with_spectral(named, [(b.wavelength, b.width) for b in bands])
-    if own:
+    if scaled_by_itself(info):
         return named
     full = [{} if b.saturation is None else {"FULL_SCALE": f"{b.saturation:.10g}"} for b in bands]
     return replace(

@@ -16,6 +16,7 @@ from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, s
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
+FOLDERS_ABOVE = 4  # metadata lie in up to this number of folders above the image
 _MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
 PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
@@ -54,8 +55,8 @@ def find(container: Container) -> Product | None:
     level = level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
     safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
     name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
-    facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME",
-             "processing_baseline": "PROCESSING_BASELINE"}  # fmt: skip
+    facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME"}
+    facts |= {"processing_baseline": "PROCESSING_BASELINE"}
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
     tags |= _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
