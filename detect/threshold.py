@@ -260,13 +260,11 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
         )
     shape, scale = fit_pareto(excess)
     try:
-        value = u + _excess_at(k / tail.n / pfa, shape, scale)
+        value = u + excess_at(k / tail.n / pfa, shape, scale)
         error = _standard_error(tail.n, k, pfa, shape, scale)
     except OverflowError as beyond:
         raise FitError(f"the threshold for pfa {pfa:g} is beyond double precision. Take a higher rate.") from beyond
-    y = excess / scale
-    survival = np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape)
-    away = 1 - survival - np.arange(k) / k
+    away = 1 - survival(excess, shape, scale) - np.arange(k) / k
     distance = float(max(np.abs(away).max(), np.abs(away - 1 / k).max()))  # of Kolmogorov
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
@@ -315,7 +313,14 @@ def fit_pareto(excess: Float64) -> tuple[float, float]:
     return shape, shape / theta * unit
 
 
-def _excess_at(ratio: float, shape: float, scale: float) -> float:
+def survival(excess: Float64, shape: float, scale: float) -> Float64:
+    """Fraction of a generalised Pareto tail that exceeds each `excess` (score minus start of the tail)."""
+    y = excess / scale
+    # a distribution with a negative shape ends at y = -1 / shape: nothing exceeds a higher score
+    return np.asarray(np.exp(-y) if abs(shape) < 1e-9 else np.maximum(1 + shape * y, 0) ** (-1 / shape))
+
+
+def excess_at(ratio: float, shape: float, scale: float) -> float:
     """Excess (score minus start of the tail) that a fraction 1 / `ratio` of a generalised Pareto tail exceeds."""
     log = math.log(ratio)
     return scale * (math.expm1(shape * log) / shape if abs(shape) > 1e-9 else log)
@@ -326,7 +331,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
     ratio = k / n / pfa
     power, log = ratio**shape, math.log(ratio)
     by_fraction = scale * power * n / k
-    by_scale = _excess_at(ratio, shape, 1.0)
+    by_scale = excess_at(ratio, shape, 1.0)
     by_shape = scale * (log * power - by_scale) / shape if abs(shape) > 1e-6 else scale * log * log / 2
     fraction = k / n
     variance = (

@@ -98,12 +98,17 @@ class SeaModel:
     spread: Float64  # (band,): robust standard deviation of water [unit of the image]
     variance: Float64  # (scale, band): variance of water about its local mean [spread squared]
     whiteners: tuple[Float64, ...]  # (rank, band) of every scale: whitens the correlation (`covariance.whitener`)
-    middle: Float64  # (scale,): median of the distance
-    rare: Float64  # (scale,): 99.9 % quantile of the distance
+    middle: Float64  # (scale,): median of the distance of water
+    rare: Float64  # (scale,): 99.9 % quantile of the distance of water, which few pixels exceed
     q90: float  # 90 % quantile of the score over water
     scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
     side: str = "bright"  # one of `SIDES`
     glint: GlintScale | None = None  # usual score by NIR, where the NIR was given
+
+    @property
+    def fine(self) -> bool:
+        """Whether pixels are smaller than a boat."""
+        return len(self.scales) > 1
 
     @property
     def halo(self) -> int:
