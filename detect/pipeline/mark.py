@@ -56,6 +56,7 @@ class Marker:
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
             found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
+            found = replace(found, value=found.value * self.plan.unbiased)
             return found.measured(tail.above(found.value), tail.n)
         if self.plan.model is None:
             return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)

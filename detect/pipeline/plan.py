@@ -74,12 +74,16 @@ class Plan:
     @property
     def law(self) -> tuple[int, int] | None:
         """Degrees of freedom, and number of background pixels, if scores follow F or chi-squared; else None."""
-        if not self.recipe.kind.law:
+        if self.window is not None:
+            return len(self.bands), self.window.pixels
+        if not self.recipe.kind.law or self.ready is None or self.background is None:
             return None
-        if self.ready is not None and self.background is not None:
-            return len(self.ready.whiten), self.background.n
-        inner, outer = self.recipe.window
-        return len(self.bands), outer * outer - inner * inner
+        return len(self.ready.whiten), self.background.n
+
+    @property
+    def unbiased(self) -> float:
+        """Ratio of the scores to those of a covariance with the divisor n - 1, which follow F with `law`."""
+        return 1.0 if self.window is None else (self.window.pixels - self.window.ddof) / (self.window.pixels - 1)
 
     @property
     def halo(self) -> int:

@@ -236,9 +236,8 @@ def _describe(
 ) -> dict[str, Any]:
     """Content of the sidecar: versions, inputs, options and results of a run, as plain values for JSON."""
     recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
-    if plan.recipe.method == "local":
-        inner, outer = plan.recipe.window
-        recipe["ring_pixels"] = outer * outer - inner * inner
+    if plan.window is not None:
+        recipe["ring_pixels"] = plan.window.pixels
     numbers = plan.background.numbers() if plan.background else None
     if numbers and len(plan.bands) > _MOST_BANDS:
         numbers["covariance"] = "left out: --save-background writes it"
