@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
@@ -157,7 +158,7 @@ def fit(
     FitError
         Fewer than two pixels are valid (for "mcd": in the sample), or the squares of values exceed double precision.
     InputError
-        The value of `covariance` or `ridge` is not allowed, or the shapes of image and mask differ.
+        The value of `covariance`, `ridge` or `threads` is not allowed, or the shapes of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)
@@ -168,7 +169,7 @@ def fit(
         rows = slice(row, row + CELL)
         return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
-    with ThreadPoolExecutor(threads or default_threads()) as pool:
+    with ThreadPoolExecutor(as_threads(threads)) as pool:
         whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
     return whole.background(covariance, ridge, names)
 
@@ -233,7 +234,14 @@ def as_image(image: Array) -> Array:
     return image
 
 
-def as_mask(mask: Array | None, image: Array) -> Mask | None:
+def as_threads(threads: int | None) -> int:
+    """Number of threads; None is one for each processor. Raises InputError if it is below 1."""
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    return threads or default_threads()
+
+
+def as_mask(mask: npt.ArrayLike | None, image: Array) -> Mask | None:
     """Convert a mask to bool; None stays None. Raises InputError if image and mask differ in rows or columns."""
     if mask is None:
         return None

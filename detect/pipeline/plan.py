@@ -111,9 +111,16 @@ class Plan:
         return np.asarray(water(self.scene.source.read(outer.window, list(bands)), rule)[tile.within(outer)])
 
 
-def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`."""
-    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
+def make_plan(
+    scene: Scene, recipe: Recipe, threads: int, given: Background | None = None, *, single: bool = False
+) -> Plan:
+    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`.
+
+    If `single`, or if a background is given, "auto" takes no "sea", which has no background of the whole scene.
+    """
+    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads, single or given is not None)
+    if given and recipe.kind.matrices is None:
+        raise InputError(f"{recipe.method} has a background of its own for every pixel: leave out the one given.")
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
@@ -136,7 +143,9 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
-        side = math.sqrt(_pixel_area(scene) or UNKNOWN_PIXEL**2)
+        if (area_known := _pixel_area(scene)) is None and recipe.false_per_km2 is not None:
+            raise InputError(f"false-per-km2 needs the size of a pixel, and {scene.path} has no CRS. Give --pfa.")
+        side = math.sqrt(area_known or UNKNOWN_PIXEL**2)
         own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
@@ -150,11 +159,13 @@ def _pixel_area(scene: Scene) -> float | None:
     return ground_area(scene.transform, scene.crs, scene.height, scene.width) or (pixel_size(scene) or 0) ** 2 or None
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:
+def _chosen(
+    scene: Scene, recipe: Recipe, threads: int, single: bool
+) -> tuple[Recipe, Area | None, Water | None, list[str]]:
     """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), []
-    method, why = without_sea(recipe, len(recipe.bands or scene.bands))
+    method, why = _without_sea(scene, recipe, single)
     if not why:
         try:
             searched = replace(recipe, method="sea")
@@ -220,16 +231,20 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     return recipe, None, (look.water, look.bands)
 
 
-def without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use in place of "sea", and why (an option, or the number of `bands`; "" if "sea" is possible)."""
+def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
+    """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
+    bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
-    if bands > _MANY:
-        return "rx", f"{bands} bands tell targets by their spectrum"
-    return "rx", ""
+    reasons = (
+        (single, "it compares all pixels with one background"),
+        (bands > _MANY, f"{bands} bands tell targets by their spectrum"),
+        (pixels < sea.LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
+    )
+    return "rx", next((why for holds, why in reasons if holds), "")
 
 
 def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:

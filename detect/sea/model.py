@@ -28,6 +28,7 @@ SEA_WINDOW = 51  # side of the window of local statistics [pixel]: several ships
 SCALES = (1,)  # sides of the averaging windows [pixel], where a pixel is as large as a boat: larger ones dilute it
 _FINE_SCALES = (1, 3, 5)  # the same where pixels are smaller than an object: sparkle is averaged out
 _FINE_PIXEL = 5.0  # pixels with a shorter side are smaller than a boat [m]; submerged (dark) objects are searched, too
+LEAST_WATER = 100  # minimum number of pixels of water for the statistics
 _ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0  # pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
@@ -138,7 +139,7 @@ def fit(
     water = [(classes == WATER) & np.isfinite(block).all(axis=0) for block, classes in blocks]
     sample = np.concatenate([np.asarray(b, np.float64)[:, w] for (b, _), w in zip(blocks, water, strict=True)], axis=1)
     bands, pixels = sample.shape
-    if pixels < 100:
+    if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
     model = SeaModel(

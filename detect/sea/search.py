@@ -225,7 +225,7 @@ def score_scene(
     """
     values = as_image(np.asarray(image))
     valid = np.asarray(np.isfinite(values).all(axis=0))
-    inside = None if water is None else as_mask(np.asarray(water), values)
+    inside = as_mask(water, values)
     mask = valid if inside is None else inside & valid
     classes = region(mask, SeaRule(pixel), valid)
     model = fit([(values, classes)], pixel=pixel, side=side)

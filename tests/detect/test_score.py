@@ -278,6 +278,9 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold gpd or empirical"),
         (["--method", "local", "--covariance", "mcd"], 1, "take --covariance empirical or ridge"),
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
+        (["--method", "sea", "--mask", "none", "--background", "1,1,5,5"], 1, "leave out --background"),
+        (["--moving", "--pfa", "1e-3"], 1, "give --objects FILE"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"], 1, "scene.tif (--chips) is a file"),
         (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
@@ -320,6 +323,48 @@ def test_an_output_that_exists_or_is_the_input_stays(rxdetect, scene, tmp_path):
     assert "exists already" in rxdetect("score", scene, out).err
     assert "would be lost" in rxdetect("score", scene, scene, "--overwrite").err
     assert out.read_text() == "old"
+
+
+@pytest.fixture
+def never_scored(monkeypatch):
+    """Fail if a tile is scored."""
+
+    def fail(_scoring, _tile):
+        raise AssertionError("a tile was scored before the refusal")
+
+    monkeypatch.setattr(flags.Scoring, "__call__", fail)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--false-per-km2", "1"], "false-per-km2 needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--moving"], "--moving needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "old.gpkg"], "old.qml exists already"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "chips"], "object_0001.png exists already"),
+    ],
+)
+def test_refusals_come_before_the_long_work(
+    rxdetect, tmp_path, sea, write, monkeypatch, never_scored, options, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "chips").mkdir()
+    for name in ("old.qml", "chips/object_0001.png"):
+        (tmp_path / name).write_text("old")
+
+    def delays(dataset):
+        for band in (1, 2, 3):
+            dataset.update_tags(band, time_offset_s=str(band))
+
+    source = write(tmp_path / "in.tif", sea(60, 70), crs=None, transform=None, describe=delays)
+    ran = rxdetect("score", source, "out.tif", "--method", "sea", "--mask", "none", *options)
+    assert (ran.code, message in ran.err) == (1, True), ran.err
+
+
+def test_auto_takes_rx_for_fewer_pixels_than_the_statistics_of_water_need(rxdetect, tmp_path, sea, write):
+    ran = rxdetect("score", write(tmp_path / "in.tif", sea(9, 9)), tmp_path / "out.tif")
+    assert ran.code == 0, ran.err
+    assert "auto: rx, since 81 pixels are too few" in ran.err
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])
