@@ -119,7 +119,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
 
-def _likeness(background: Background, whiten: Float64) -> Float64:
+def _uniform_weights(background: Background, whiten: Float64) -> Float64:
     """Weights of the bands, (bands,), in the uniform target detector: its score is the sum of weight * (x - mean).
     The weights are C^-1 (u - mean), where C is the covariance, and the target spectrum u is 1 in all bands.
     """
@@ -162,8 +162,8 @@ METHODS = {
     "lines": Method(),
     "rx": Method(lambda _background, whiten, _drop, _nir: (whiten,), law=True, invariant=True),
     "local": Method(law=True, invariant=True),
-    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _likeness(background, whiten))),
-    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_likeness(background, whiten))),
+    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _uniform_weights(background, whiten))),
+    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_uniform_weights(background, whiten))),
     "subspace": Method(lambda background, _whiten, drop, _nir: (_subspace(background.covariance, drop),), law=True),
     "residual": Method(
         lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
