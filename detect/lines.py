@@ -19,7 +19,7 @@ from .covariance import ridged, whitener
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
 _OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
-_LARGEST = 1e150  # largest absolute value: the sums of squares stay within double precision
+_HIGHEST_VALUE = 1e150  # largest absolute value: the sums of squares stay within double precision
 _LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 
@@ -74,10 +74,10 @@ class LineScorer:
         valid = np.isfinite(values).all(axis=0)
         out = np.full(values.shape[1], np.nan, np.float32)
         taken = values if valid.all() else values[:, valid]
-        if np.abs(taken).max(initial=0) > _LARGEST:
+        if np.abs(taken).max(initial=0) > _HIGHEST_VALUE:
             raise InputError(
-                f"line: allowed is up to {_LARGEST:g} in absolute value: squares of larger values are beyond double "
-                "precision. Bring it to other units, or mark what is not valid as NaN."
+                f"line: allowed is up to {_HIGHEST_VALUE:g} in absolute value, squares of larger values are beyond "
+                "double precision. Bring it to other units, or mark what is not valid as NaN."
             )
         if self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
