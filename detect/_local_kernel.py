@@ -36,25 +36,6 @@ def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def
 
 
 @njit(nogil=True, cache=True)
-def _sums_along(first, second, inner, bar, whole, beside):  # type: ignore[no-untyped-def]
-    """Sum first * second along rows: over bar + inner + bar columns, into `whole`; without the inner, into `beside`."""
-    columns = first.shape[1]
-    values, again, spare = np.empty(columns), np.empty(columns), np.empty(columns)
-    side, guard = np.empty(columns), np.empty(columns)
-    for r in range(first.shape[0]):
-        a, b, x, y = first[r], second[r], beside[r], whole[r]
-        for c in range(columns):
-            values[c] = a[c] * b[c]
-            again[c] = a[c] * b[c]
-        window_sums(values, spare, 1, bar, side)
-        window_sums(again, spare, 1, inner, guard)
-        right, inside = side[bar + inner :], guard[bar:]
-        for c in range(len(x)):
-            x[c] = side[c] + right[c]
-            y[c] = x[c] + inside[c]
-
-
-@njit(nogil=True, cache=True)
 def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
     """Fill `out` with sums of x[i] * x[j], j <= i, over the ring of each pixel: four bars around a square, the guard.
 
@@ -62,18 +43,29 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
     inner, bar : side of the guard, and width of the bars around it [pixel]
     out : (pairs, rows, columns), one layer for each pair i, j, with `inner` + 2 `bar` - 1 rows and columns fewer than x
     """
-    rows, columns = x.shape[1], out.shape[2]
-    whole, beside = np.empty((rows, columns)), np.empty((rows, columns))
-    spare, level, middle = np.empty(whole.size), np.empty(whole.size), np.empty(whole.size)
+    width, size = x.shape[2], x[0].size
+    values, again, spare, level = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+    side, guard, middle = np.empty(size), np.empty(size), np.empty(size)
     q = 0
     for i in range(len(x)):
         for j in range(i + 1):
-            _sums_along(x[i], x[j], inner, bar, whole, beside)
-            window_sums(whole.reshape(whole.size), spare, columns, bar, level)
-            window_sums(beside.reshape(whole.size), spare, columns, inner, middle)
-            found, below, guard = out[q].reshape(out[q].size), level[(bar + inner) * columns :], middle[bar * columns :]
-            for k in range(len(found)):
-                found[k] = level[k] + below[k] + guard[k]
+            a, b, found = x[i].reshape(size), x[j].reshape(size), out[q]
+            for k in range(size):
+                values[k] = a[k] * b[k]
+                again[k] = a[k] * b[k]
+            window_sums(values, spare, 1, bar, side)  # along rows; sums that continue in the next row are not used
+            window_sums(again, spare, 1, inner, guard)
+            right, inside = side[bar + inner :], guard[bar:]
+            for k in range(len(right)):
+                values[k] = side[k] + right[k]
+                again[k] = values[k] + inside[k]
+            window_sums(again, spare, width, bar, level)  # along columns
+            window_sums(values, spare, width, inner, middle)
+            below, beside = level[(bar + inner) * width :], middle[bar * width :]
+            for r in range(found.shape[0]):
+                for c in range(found.shape[1]):
+                    k = r * width + c
+                    found[r, c] = level[k] + below[k] + beside[k]
             q += 1
 
 

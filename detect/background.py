@@ -5,16 +5,18 @@
 """
 
 import json
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
-from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
+from deglint.moments import CELL, CellMoments, Moments, cell_moments, in_share
 from deglint.tiles import default_threads
 
 from . import covariance as estimates
@@ -22,7 +24,8 @@ from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
-ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
+SAMPLED = ("ledoit-wolf", "mcd")  # those that need a sample of the pixels
+ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,24 +93,30 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Contribution of tiles to a background: moments of square cells (`deglint.moments`), and a sample of pixels."""
+    """Contribution of tiles to a background: moments of square cells (`deglint.moments`), and a sample of pixels.
+
+    One in `share` pixels is sampled, where `share` is the least power of 2 for which at most about `ROBUST_SAMPLE` are.
+    It follows from the number of pixels in the background, so pixels without values around a scene change nothing.
+    """
 
     cells: CellMoments
     places: Int64  # (2, samples): rows and columns of the sampled pixels in the scene
     values: Array  # (bands, samples): values of the sampled pixels
 
     @classmethod
-    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
+    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], *, sampled: bool = False) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
-        `mask`, (row, column), is True in the background. One in `share` of these pixels is sampled; 0 means no sample.
+        `mask`, (row, column), is True in the background. Without `sampled` there is no sample.
         """
         rows = columns = np.zeros(0, np.int64)
-        if share:
+        if sampled:
             good = np.asarray(np.isfinite(block).all(axis=0))
-            rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
+            rows, columns = np.nonzero(good if mask is None else good & mask)
         places = np.stack([rows + origin[0], columns + origin[1]])
-        return cls(cell_moments(block, mask, origin=origin), places, block[:, rows, columns])
+        kept = _in_sample(places, len(rows))
+        values = block[:, rows[kept], columns[kept]]
+        return cls(cell_moments(block, mask, origin=origin), places[:, kept], values)
 
     @classmethod
     def merge(cls, parts: Sequence[Self]) -> Self:
@@ -122,7 +131,8 @@ class Part:
             cells = CellMoments.concatenate(merged)
             cells = cells._replace(keys=np.stack([rows, np.zeros_like(rows)], axis=1))
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
-        return cls(cells, places, values)
+        kept = _in_sample(places, int(cells.n.sum()))
+        return cls(cells, places[:, kept], values[:, kept])
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
@@ -157,18 +167,17 @@ def fit(
     FitError
         Fewer than two pixels are valid (for "mcd": in the sample), or the squares of values exceed double precision.
     InputError
-        The value of `covariance` or `ridge` is not allowed, or the shapes of image and mask differ.
+        The value of `covariance`, `ridge` or `threads` is not allowed, or the shapes of image and mask differ.
     """
     image = as_image(image)
     mask = as_mask(mask, image)
     check_rule(covariance, ridge)
-    share = sample_share(covariance, image.shape[1] * image.shape[2])
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
-        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
+        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), sampled=covariance in SAMPLED)
 
-    with ThreadPoolExecutor(threads or default_threads()) as pool:
+    with ThreadPoolExecutor(as_threads(threads)) as pool:
         whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
     return whole.background(covariance, ridge, names)
 
@@ -211,9 +220,10 @@ def estimate(
     return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
 
 
-def sample_share(covariance: str, pixels: int) -> int:
-    """N, if the estimator `covariance` needs a sample of one in N of a scene's `pixels` pixels; 0 if it needs none."""
-    return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
+def _in_sample(places: Int64, n: int) -> Mask:
+    """Which pixels, at the rows and columns `places`, (2, pixels), are in the sample of a background of n pixels."""
+    share = 1 << max(math.ceil(math.log2(max(n, 1) / ROBUST_SAMPLE)), 0)
+    return in_share(places[0], places[1], share)
 
 
 def check_rule(covariance: str, ridge: float) -> None:
@@ -233,7 +243,14 @@ def as_image(image: Array) -> Array:
     return image
 
 
-def as_mask(mask: Array | None, image: Array) -> Mask | None:
+def as_threads(threads: int | None) -> int:
+    """Number of threads; None is one for each processor. Raises InputError if it is below 1."""
+    if threads is not None and threads < 1:
+        raise InputError(f"threads: want at least 1, got {threads}.")
+    return threads or default_threads()
+
+
+def as_mask(mask: npt.ArrayLike | None, image: Array) -> Mask | None:
     """Convert a mask to bool; None stays None. Raises InputError if image and mask differ in rows or columns."""
     if mask is None:
         return None

@@ -19,6 +19,7 @@ from .covariance import ridged, whitener
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
 _OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
+_HIGHEST_VALUE = 1e150  # largest absolute value: the sums of squares stay within double precision
 _LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 
@@ -41,7 +42,7 @@ class LineScorer:
     """
 
     def __init__(self, lines: int = LINES) -> None:
-        if lines < 1:
+        if not lines >= 1:
             raise InputError(f"lines: allowed is 1 or more, got {lines}.")
         self._keep = 1 - 1 / lines
         self._weight = 0.0
@@ -63,7 +64,7 @@ class LineScorer:
         Raises
         ------
         InputError
-            The line is not (band, column), or the number of bands changes.
+            The line is not (band, column), the number of bands changes, or a value is beyond +-1e150.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
@@ -73,10 +74,16 @@ class LineScorer:
         valid = np.isfinite(values).all(axis=0)
         out = np.full(values.shape[1], np.nan, np.float32)
         taken = values if valid.all() else values[:, valid]
+        if np.abs(taken).max(initial=0) > _HIGHEST_VALUE:
+            raise InputError(
+                f"line: allowed is up to {_HIGHEST_VALUE:g} in absolute value, squares of larger values are beyond "
+                "double precision. Bring it to other units, or mark what is not valid as NaN."
+            )
         if self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
             white = whitener(ridged(self._second, _LINE_RIDGE)) @ away
-            found = np.einsum("ij,ij->j", white, white)
+            with np.errstate(over="ignore"):  # infinity becomes the largest score
+                found = np.einsum("ij,ij->j", white, white)
             out[valid] = np.minimum(found, np.finfo(np.float32).max)
             inside = found <= _OUT * len(values)
             if not inside.all() and 2 * np.count_nonzero(inside) > inside.size:  # else the background has changed

@@ -68,6 +68,11 @@ class WindowRule:
         """Distance from a pixel to the edge of its window [pixel]."""
         return self.outer // 2
 
+    @property
+    def pixels(self) -> int:
+        """Number of pixels in a ring, where all are valid."""
+        return self.outer * self.outer - self.inner * self.inner
+
 
 @checked_keywords("border", "ddof", "ridge")
 def local_rx(

@@ -19,6 +19,7 @@ from deglint.morphology import box_sum
 from deglint.remove.noise import spread
 
 from .arrays import Float32, Float64, Mask
+from .background import as_mask
 
 FASTEST = 20.0  # maximum speed of a boat [m/s]
 _WATER_WINDOW = 31  # side of the window whose mean of water is subtracted for the contrast [pixel]
@@ -56,7 +57,8 @@ def find_moving(
     `delays` are the times at which the bands are recorded [s], `pixel` is the side of a pixel [m], and `water`, (row,
     column), is the mask of the pixels to search (default: all). The result is in order of descending contrast. It is
     empty if so many places have a high contrast that some fit a motion by chance. Raises InputError if `image`
-    is not (band, row, column) with a delay for each band, fewer than three delays differ, or `pixel` is not above 0 m.
+    is not (band, row, column) with a delay for each band, the mask has another shape, fewer than three delays differ,
+    or `pixel` is not above 0 m.
     """
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
@@ -68,7 +70,8 @@ def find_moving(
         raise InputError("a motion needs three bands that look at different times: two places could be anything's.")
     if not pixel > 0:
         raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
-    sea = np.ones(bands.shape[1:], np.bool_) if water is None else np.asarray(water, np.bool_)
+    mask = as_mask(water, bands)
+    sea = np.ones(bands.shape[1:], np.bool_) if mask is None else mask
     places = [_peaks(_contrast(band, sea), sea) for band in bands]
     first, last = int(np.argmin(times)), int(np.argmax(times))
     density = [len(p) / max(int(np.count_nonzero(sea)), 1) for p in places]

@@ -23,10 +23,9 @@ import numpy as np
 
 from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
-from deglint.tiles import default_threads
 
 from .arrays import Array, Float64, Mask, Scores
-from .background import RIDGE, Background, as_image, as_mask, fit
+from .background import RIDGE, Background, as_image, as_mask, as_threads, fit
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache
@@ -120,7 +119,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
         out[start : start + count] = np.add.reduce(z, axis=0)[:count]
 
 
-def _likeness(background: Background, whiten: Float64) -> Float64:
+def _uniform_weights(background: Background, whiten: Float64) -> Float64:
     """Weights of the bands, (bands,), in the uniform target detector: its score is the sum of weight * (x - mean).
     The weights are C^-1 (u - mean), where C is the covariance, and the target spectrum u is 1 in all bands.
     """
@@ -163,8 +162,8 @@ METHODS = {
     "lines": Method(),
     "rx": Method(lambda _background, whiten, _drop, _nir: (whiten,), law=True, invariant=True),
     "local": Method(law=True, invariant=True),
-    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _likeness(background, whiten))),
-    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_likeness(background, whiten))),
+    "utd": Method(lambda background, whiten, _drop, _nir: (whiten[:0], _uniform_weights(background, whiten))),
+    "rx-utd": Method(lambda background, whiten, _drop, _nir: (whiten, -_uniform_weights(background, whiten))),
     "subspace": Method(lambda background, _whiten, drop, _nir: (_subspace(background.covariance, drop),), law=True),
     "residual": Method(
         lambda background, _whiten, _drop, nir: (_residual(background.covariance, nir),), law=True, invariant=True
@@ -265,7 +264,7 @@ def _run(
     hidden = np.ma.getmask(image)
     image = as_image(image)
     mask = both(as_mask(mask, image), ~np.any(hidden, axis=0) if np.any(hidden) else None)
-    threads = threads or default_threads()
+    threads = as_threads(threads)
     if not isinstance(background, Background):
         inside = both(as_mask(background, image), mask)
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)

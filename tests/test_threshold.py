@@ -40,6 +40,12 @@ def test_quantiles_and_p_values_agree_with_mpmath(pfa, bands):
     assert chi2.value < f.value
 
 
+def test_masked_scores_do_not_count():
+    scores = np.ma.masked_greater(np.concatenate([np.arange(1000.0), np.full(50, 1e6)]), 1e5)
+    found = from_quantile(scores, 0.01)
+    assert (found.value, found.n) == (989, 1000)
+
+
 def test_f_becomes_chi2_as_the_statistics_become_sure():
     assert from_f(1e-4, 8, 10**9).value == pytest.approx(from_chi2(1e-4, 8).value, rel=1e-7)
 

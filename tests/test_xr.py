@@ -131,6 +131,16 @@ def test_rx_with_a_background_of_another_scene(scene):
     assert not np.array_equal(scores, detect.xr.rx(given).values, equal_nan=True)
 
 
+def test_a_background_is_used_or_refused(scene):
+    given = opened(scene(nodata=0), 100)
+    background = detect.xr.fit(given.isel(y=slice(150, None)))
+    for method in ("local", "sea"):
+        with pytest.raises(InputError, match="background of its own for every pixel"):
+            detect.xr.score(given, Scoring(method=method, mask="none"), background=background)
+    scores = detect.xr.score(given, "auto", background=background)
+    np.testing.assert_array_equal(scores.values, detect.xr.rx(given, background).values)
+
+
 @settings(max_examples=15)
 @given(st.data())
 def test_any_chunks_give_the_same(data):

@@ -89,7 +89,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--flags", type=options.FILE, metavar="FILE",
               help="Write why a pixel has no score, and other notes: 1 nodata, 2 outside --mask, 4 outside "
               "--background, 8 ring of lower rank, 16 ring of too few pixels, 32 water beside land, 64 no water, but "
-              "may float, 128 attached to land.")
+              "may float, 128 ship or short pier at a quay.")
 @options.creation
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @options.processing

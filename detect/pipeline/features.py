@@ -26,6 +26,7 @@ from deglint.tiles import Tile
 from ..moving import FASTEST, find_moving
 from ..objects import Move, Object
 from ..sea.region import rectangle
+from .recipe import PICTURE
 
 _EARTH = 6_371_008.8  # mean radius of the Earth [m]
 _SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
@@ -152,7 +153,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
         panels = [natural_colour([image])[0] for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
         large = [np.pad(p.repeat(times, axis=0).repeat(times, axis=1), _GAP, constant_values=255) for p in panels]
-        name = f"object_{o.label:04d}.png"
+        name = PICTURE.format(o.label)
         _done, png = cv2.imencode(".png", np.hstack(large)[:, :, ::-1])
         write_bytes(scratch, folder / name, bytes(png))
         names.append(f"{folder.name}/{name}")

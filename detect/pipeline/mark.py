@@ -14,14 +14,14 @@ from deglint.tiles import LONGEST_SIDE, tiles
 from .. import sea
 from ..arrays import Array, Int64
 from ..objects import Object, find_among, to_geojson
-from ..sea.region import hull, likeness, rectangle
+from ..sea.region import likeness, rectangle
+from ..sea.search import Rated, rated_objects
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .features import described, motions, to_wgs84, write_chips, write_features
 from .plan import Plan
 from .recipe import Outputs
 
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
-Rated = tuple[Object, str, float, float]  # object, kind, expected false objects per km2, probability of being real
 CANDIDATES = 0.04  # for "sea", this fraction of the scores, the highest, is kept; fewer pixels are in candidates
 _UNKNOWN_PIERS = 3
 """Number that is added to the rank of an object attached to land, to estimate its false-alarm rate: all objects up to
@@ -56,6 +56,7 @@ class Marker:
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
             found = from_chi2(pfa, law[0]) if recipe.threshold == "chi2" else from_f(pfa, *law)
+            found = replace(found, value=found.value * self.plan.unbiased)
             return found.measured(tail.above(found.value), tail.n)
         if self.plan.model is None:
             return (from_quantile if recipe.threshold == "empirical" else from_tail)(tail, pfa)
@@ -74,7 +75,7 @@ class Marker:
         model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
         found = find_among(*self._above(sea.LOW * model.q90, self.beside[sea.ALONGSIDE]))
-        return sea.clutter_of(self.tail, found, model.q90, area=area, fine=model.side == "both")
+        return sea.clutter_of(self.tail, found, model.q90, area=area, fine=model.fine)
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores greater than `value`, except the pixels in `without`; the raster is read in strips."""
@@ -91,50 +92,52 @@ class Marker:
             apart &= ~np.isin(rows * width + columns, row * width + column)
         return rows[apart], columns[apart], scores[apart]
 
+    def _found(self, pixels: Places, above: float = -math.inf) -> list[Object]:
+        """Objects among some pixels, as the recipe asks for; their scores exceed `above` (see `find_among`)."""
+        recipe = self.plan.recipe
+        return find_among(
+            *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance,
+            pixel_area=self.plan.pixel_area,
+        )  # fmt: skip
+
     def objects(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold as `Rated`; for "sea" by ascending number of false objects per km2, if known."""
-        model, recipe = self.plan.model, self.plan.recipe
-        options: dict[str, Any] = {"min_size": recipe.min_size, "merge_distance": recipe.merge_distance,
-                                   "pixel_area": self.plan.pixel_area}  # fmt: skip
-        if model is None:
-            found = find_among(*self._above(threshold.value), **options)
-            return [(o, "anomaly", math.nan, math.nan) for o in found]
-        clutter, share = self._clutter, self._strata
+        """Objects above the threshold; for "sea" by ascending number of false objects per km2, if known."""
+        if self.plan.model is None:
+            return [Rated(o, "anomaly", math.nan, math.nan) for o in self._found(self._above(threshold.value))]
+        rated = self._afloat(threshold, self.plan.model)
+        rated += self._alongside(threshold, len(rated))
+        if self._clutter.area > 0:
+            rated.sort(key=lambda r: (r.rate, -r.found.score_top))
+        return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
+
+    def _afloat(self, threshold: Threshold, model: sea.SeaModel) -> list[Rated]:
+        """Objects above the threshold that are not attached to land."""
         low = min(sea.LOW * model.q90, threshold.value)
-        afloat = find_among(*self._above(low, *self.beside.values()), above=threshold.value, **options)
-        by_peaks = threshold.method == "peaks"
-        if by_peaks:
-            afloat = [o for o in afloat if o.score_top > threshold.value]
-        afloat.sort(key=lambda o: -o.score_top)
-        rates = np.array([
-            clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1)
-            for o in afloat
-        ])  # fmt: skip
-        # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
-        # doi:10.1111/1467-9868.00346)
-        false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
-        real = 1 - np.minimum.accumulate(false[::-1])[::-1]
-        rated: list[Rated] = [
-            (o, "afloat", share * r, p) for o, r, p in zip(afloat, rates.tolist(), real.tolist(), strict=True)
-        ]
-        most = share * (clutter.false_per_km2(threshold.value) if by_peaks else len(afloat) / clutter.area)
+        found = self._found(self._above(low, *self.beside.values()), threshold.value)
+        if threshold.method == "peaks":
+            found = [o for o in found if o.score_top > threshold.value]
+        return rated_objects(found, self._clutter, self._strata)
+
+    def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
+        """Objects alongside a quay, as far as their rate is not above that of the `afloat` objects afloat."""
+        clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
-        beside = [o for o in find_among(*self.beside[sea.ALONGSIDE], **options) if o.score_max > dimmest]
-        beside.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
-        for rank, o in enumerate(beside, start=1):
-            rate = share * (rank + _UNKNOWN_PIERS) / clutter.area  # each of them may be a pier
-            if not rate > most:
-                rated.append((o, "alongside", rate, math.nan))
-        if clutter.area > 0:
-            rated.sort(key=lambda r: (r[2], -r[0].score_top))
-        return [(replace(r[0], label=i), *r[1:]) for i, r in enumerate(rated, start=1)]
+        found = [o for o in self._found(self.beside[sea.ALONGSIDE]) if o.score_max > dimmest]
+        found.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
+        most = clutter.false_per_km2(threshold.value) if threshold.method == "peaks" else afloat / clutter.area
+        rates = [(rank + _UNKNOWN_PIERS) / clutter.area for rank in range(1, len(found) + 1)]  # each may be a pier
+        return [
+            Rated(o, "alongside", self._strata * rate, math.nan)
+            for o, rate in zip(found, rates, strict=True)
+            if not rate > most
+        ]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
         """Write the objects above a threshold to `targets.objects`; return their number, or None without this file."""
         if targets.objects is None:
             return None
         rated = self.objects(threshold)
-        found, scene = [o for o, *_ in rated], self.plan.scene
+        found, scene = [r.found for r in rated], self.plan.scene
         chips = write_chips(scene, targets.chips, self.scores, found, scratch) if targets.chips else [""] * len(found)
         moved = motions(scene, self.plan.pixel_area, found) if self.plan.recipe.moving else [{}] * len(found)
         move = to_wgs84(scene)

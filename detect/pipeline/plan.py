@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from deglint.tiles import Tile
 
 from .. import sea
 from ..arrays import Array, Mask, Uint8
-from ..background import Background, Part, sample_share
+from ..background import SAMPLED, Background, Part
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
 from ..sea import SeaModel, SeaRule
@@ -74,12 +74,16 @@ class Plan:
     @property
     def law(self) -> tuple[int, int] | None:
         """Degrees of freedom, and number of background pixels, if scores follow F or chi-squared; else None."""
-        if not self.recipe.kind.law:
+        if self.window is not None:
+            return len(self.bands), self.window.pixels
+        if not self.recipe.kind.law or self.ready is None or self.background is None:
             return None
-        if self.ready is not None and self.background is not None:
-            return len(self.ready.whiten), self.background.n
-        inner, outer = self.recipe.window
-        return len(self.bands), outer * outer - inner * inner
+        return len(self.ready.whiten), self.background.n
+
+    @property
+    def unbiased(self) -> float:
+        """Ratio of the scores to those of a covariance with the divisor n - 1, which follow F with `law`."""
+        return 1.0 if self.window is None else (self.window.pixels - self.window.ddof) / (self.window.pixels - 1)
 
     @property
     def halo(self) -> int:
@@ -107,9 +111,16 @@ class Plan:
         return np.asarray(water(self.scene.source.read(outer.window, list(bands)), rule)[tile.within(outer)])
 
 
-def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | None = None) -> Plan:
-    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`."""
-    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads)
+def make_plan(
+    scene: Scene, recipe: Recipe, threads: int, given: Background | None = None, *, single: bool = False
+) -> Plan:
+    """Choose detector, bands, mask and tiles for a scene, without fitting; `given` replaces `recipe.background`.
+
+    If `single`, or if a background is given, "auto" takes no "sea", which has no background of the whole scene.
+    """
+    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads, single or given is not None)
+    if given and recipe.kind.matrices is None:
+        raise InputError(f"{recipe.method} has a background of its own for every pixel: leave out the one given.")
     given, area = (given, None) if given else _background(scene, recipe)
     bands = _bands(scene, recipe, given)
     nir = tuple[int, ...]()
@@ -132,7 +143,9 @@ def make_plan(scene: Scene, recipe: Recipe, threads: int, given: Background | No
         own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
-        side = math.sqrt(_pixel_area(scene) or UNKNOWN_PIXEL**2)
+        if (area_known := _pixel_area(scene)) is None and recipe.false_per_km2 is not None:
+            raise InputError(f"false-per-km2 needs the size of a pixel, and {scene.path} has no CRS. Give --pfa.")
+        side = math.sqrt(area_known or UNKNOWN_PIXEL**2)
         own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
@@ -146,11 +159,13 @@ def _pixel_area(scene: Scene) -> float | None:
     return ground_area(scene.transform, scene.crs, scene.height, scene.width) or (pixel_size(scene) or 0) ** 2 or None
 
 
-def _chosen(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | None, Water | None, list[str]]:
+def _chosen(
+    scene: Scene, recipe: Recipe, threads: int, single: bool
+) -> tuple[Recipe, Area | None, Water | None, list[str]]:
     """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
     if recipe.method != "auto":
         return *_masked(scene, recipe, threads), []
-    method, why = without_sea(recipe, len(recipe.bands or scene.bands))
+    method, why = _without_sea(scene, recipe, single)
     if not why:
         try:
             searched = replace(recipe, method="sea")
@@ -216,16 +231,20 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
     return recipe, None, (look.water, look.bands)
 
 
-def without_sea(recipe: Recipe, bands: int) -> tuple[str, str]:
-    """Detector to use in place of "sea", and why (an option, or the number of `bands`; "" if "sea" is possible)."""
+def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
+    """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
+    bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
     for name, method in _OTHERS.items():
         if getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
-    if bands > _MANY:
-        return "rx", f"{bands} bands tell targets by their spectrum"
-    return "rx", ""
+    reasons = (
+        (single, "it compares all pixels with one background"),
+        (bands > _MANY, f"{bands} bands tell targets by their spectrum"),
+        (pixels < sea.LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
+    )
+    return "rx", next((why for holds, why in reasons if holds), "")
 
 
 def _between(scene: Scene, low: float, high: float) -> tuple[int, ...]:
@@ -264,16 +283,16 @@ def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None =
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
     """Fit the background of a plan tile by tile; `run` processes the tiles, on threads or on a cluster."""
     recipe, bands = plan.recipe, plan.bands
-    share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
         area = None if plan.area is None else plan.area.read(tile.window)
-        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
+        mask = both(plan.read_mask(tile), area)
+        return Part.of(block, mask, (tile.row0, tile.col0), sampled=recipe.covariance in SAMPLED)
 
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
-    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
+    whole = reduce(lambda above, row: Part.merge([above, row]), tiling.by_rows(done, Part.merge))
     return whole.background(recipe.covariance, recipe.ridge, plan.names)
 
 

@@ -15,6 +15,7 @@ from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
 SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
+PICTURE = "object_{:04d}.png"  # name of the picture of an object, with the number of the object
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Recipe:
         method, rate = self.method, self.false_per_km2
         allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
         for wrong, message in (
-            (method in ("local", "lines") and (self.background or self.covariance not in allowed),
+            (self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)),
              (f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
              f"{' or '.join(allowed)}.")),
             (rate is not None and not rate > 0, f"false-per-km2: allowed is above 0, got {rate}."),
@@ -135,6 +136,10 @@ class Outputs:
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
              "--false-per-km2.")),
+            (recipe.moving and not self.objects,
+             "--moving gives objects a speed and a heading: give --objects FILE, too."),
+            (self.chips and self.chips.exists() and not self.chips.is_dir(),
+             f"{self.chips} (--chips) is a file: name a folder."),
             (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
             (self.objects and self.objects.suffix.lower() not in SUFFIXES,
              f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),
@@ -153,6 +158,8 @@ class Outputs:
         return self.image.parent / f"{self.image.name}.json"
 
     def every(self) -> list[Path]:
-        """Paths of all files that will be written, except pictures of objects and the QGIS style."""
-        extra = (self.p_value, self.flags, self.objects, self.background)
+        """Paths of all files that will be written; of the pictures in a folder that exists, only that of object 1."""
+        style = self.objects.with_suffix(".qml") if self.objects and self.objects.suffix.lower() == ".gpkg" else None
+        picture = self.chips / PICTURE.format(1) if self.chips and self.chips.is_dir() else None
+        extra = (self.p_value, self.flags, self.objects, self.background, style, picture)
         return [self.image, self.sidecar, *(p for p in extra if p is not None)]

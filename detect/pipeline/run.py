@@ -31,12 +31,12 @@ from deglint.scene import Scene
 from deglint.timing import Reporter
 
 from .. import sea
-from ..background import Background
+from ..background import Background, as_threads
 from ..local import STATES
 from ..threshold import Tail, Threshold
-from .features import delayed_bands
+from .features import motions
 from .mark import CANDIDATES, Marker, Places, joined
-from .plan import UNKNOWN_PIXEL, Plan, Progress, fitted, make_plan, without_sea
+from .plan import UNKNOWN_PIXEL, Plan, Progress, fitted, make_plan
 from .recipe import Outputs, Recipe
 from .scoring import MEANINGS, PixelCounts, Scoring
 
@@ -120,8 +120,7 @@ def score_file(
     reading = {name: options.pop(name) for name in READING if name in options}
     outputs: dict[str, Any] = {k: Path(v) if k in FILES and v else v for k, v in options.items()}
     targets = Outputs(Path(image), **outputs)
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
+    threads = as_threads(threads)
     targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # tiles already occupy all threads
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
@@ -134,9 +133,7 @@ def score_file(
         checksum = Checksum(files, [recipe.background, recipe.mask])
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
-            return _run(
-                scene, checksum, recipe, targets, threads or tiling.default_threads(), progress or Reporter(), cluster
-            )
+            return _run(scene, checksum, recipe, targets, threads, progress or Reporter(), cluster)
 
 
 def _run(
@@ -146,11 +143,9 @@ def _run(
     """Do all steps of `score_file` for an open scene: fit, score, mark objects, and write the files `targets`."""
     begun = time.perf_counter()
     log_scene(scene)
-    if recipe.method == "auto" and (targets.p_value or targets.background):
-        recipe = replace(recipe, method=without_sea(recipe, len(scene.bands))[0])  # "sea" has neither output
+    plan = make_plan(scene, recipe, threads, single=bool(targets.p_value or targets.background))
     if recipe.moving:
-        delayed_bands(scene)  # raises before the long work if the times of the bands are not known
-    plan = make_plan(scene, recipe, threads)
+        motions(scene, plan.pixel_area, [])  # raises before the long work if times or the size of a pixel are unknown
     for note in plan.notes:
         log.info("%s", note)
     recipe = plan.recipe
@@ -167,6 +162,8 @@ def _run(
         if not tally.scored:
             outside = "every pixel is nodata" if tally.masked_out < tally.total else "no pixel lies inside the mask"
             why = "no ring holds two valid pixels" if tally.too_few else outside
+            if recipe.method == "lines":
+                why = "no line comes after 4 valid pixels per band in other lines (--method rx scores a single line)"
             raise NoWaterError(f"nothing to score in {scene.path}: {why}. Check --nodata and --mask.")
         threshold, found = None, None
         if tail is not None:
@@ -236,9 +233,8 @@ def _describe(
 ) -> dict[str, Any]:
     """Content of the sidecar: versions, inputs, options and results of a run, as plain values for JSON."""
     recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
-    if plan.recipe.method == "local":
-        inner, outer = plan.recipe.window
-        recipe["ring_pixels"] = outer * outer - inner * inner
+    if plan.window is not None:
+        recipe["ring_pixels"] = plan.window.pixels
     numbers = plan.background.numbers() if plan.background else None
     if numbers and len(plan.bands) > _MOST_BANDS:
         numbers["covariance"] = "left out: --save-background writes it"

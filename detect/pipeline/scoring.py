@@ -13,7 +13,7 @@ from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
-from ..threshold import Tail, fast_p_value
+from ..threshold import Tail, p_value
 from .mark import Places
 from .plan import Plan, read_sea
 
@@ -93,7 +93,7 @@ class Scoring:
         tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:
-            p_values = fast_p_value(found, *plan.law).astype(np.float32)
+            p_values = p_value(found / plan.unbiased, *plan.law).astype(np.float32)
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]

@@ -276,7 +276,7 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
             "blocks": bands.blocks, "pfa": bands.pfa, "pd_low": bands.low, "pd_high": bands.high,
         },
         "partial_auc": {"pfa_max": request.pfa_max, "raw": roc.partial_auc(request.pfa_max),
-                        "mcclish": roc.mcclish(request.pfa_max) if request.pfa_max < 1 else roc.auc},
+                        "mcclish": roc.mcclish(request.pfa_max)},
         "average_precision": roc.average_precision,
         "three_d": roc.three_d(),
         "curve": {"pfa": pfa[keep], "pd": pd[keep]},

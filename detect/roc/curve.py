@@ -127,8 +127,6 @@ class Roc:
         _check_pfa(pfa_max)
         pfa, pd = self.vertices
         stop = int(np.searchsorted(pfa, pfa_max, side="right"))
-        if stop == len(pfa):
-            return self.auc
         x, y = np.append(pfa[:stop], pfa_max), np.append(pd[:stop], np.interp(pfa_max, pfa, pd))
         return float(((y[1:] + y[:-1]) / 2 * np.diff(x)).sum())
 

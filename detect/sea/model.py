@@ -28,6 +28,7 @@ SEA_WINDOW = 51  # side of the window of local statistics [pixel]: several ships
 SCALES = (1,)  # sides of the averaging windows [pixel], where a pixel is as large as a boat: larger ones dilute it
 _FINE_SCALES = (1, 3, 5)  # the same where pixels are smaller than an object: sparkle is averaged out
 _FINE_PIXEL = 5.0  # pixels with a shorter side are smaller than a boat [m]; submerged (dark) objects are searched, too
+LEAST_WATER = 100  # minimum number of pixels of water for the statistics
 _ROUNDS = 3  # number of times that the statistics are computed
 _CUT = 6.0  # pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
@@ -85,7 +86,7 @@ class GlintScale:
         highest = cv2.dilate(standard.max(axis=0).astype(np.float32), np.ones((_REACH, _REACH), np.uint8))
         return np.asarray(cv2.blur(highest, (self.side, self.side)))
 
-    def even(self, scores: Array, nir: Array) -> Float32:
+    def divided(self, scores: Array, nir: Array) -> Float32:
         """Divide each score, (row, column), by the divisor for the `nir` of its pixel, (band, row, column)."""
         return np.asarray(scores / np.interp(self.nearby(nir), self.glint, self.factor), np.float32)
 
@@ -98,12 +99,17 @@ class SeaModel:
     spread: Float64  # (band,): robust standard deviation of water [unit of the image]
     variance: Float64  # (scale, band): variance of water about its local mean [spread squared]
     whiteners: tuple[Float64, ...]  # (rank, band) of every scale: whitens the correlation (`covariance.whitener`)
-    middle: Float64  # (scale,): median of the distance
-    rare: Float64  # (scale,): 99.9 % quantile of the distance
+    middle: Float64  # (scale,): median of the distance of water
+    rare: Float64  # (scale,): 99.9 % quantile of the distance of water, which few pixels exceed
     q90: float  # 90 % quantile of the score over water
     scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
     side: str = "bright"  # one of `SIDES`
     glint: GlintScale | None = None  # usual score by NIR, where the NIR was given
+
+    @property
+    def fine(self) -> bool:
+        """Whether pixels are smaller than a boat."""
+        return len(self.scales) > 1
 
     @property
     def halo(self) -> int:
@@ -133,25 +139,25 @@ def fit(
     water = [(classes == WATER) & np.isfinite(block).all(axis=0) for block, classes in blocks]
     sample = np.concatenate([np.asarray(b, np.float64)[:, w] for (b, _), w in zip(blocks, water, strict=True)], axis=1)
     bands, pixels = sample.shape
-    if pixels < 100:
+    if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
     model = SeaModel(
         centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
         np.ones(len(scales)), 1.0, scales, side=side,
     )  # fmt: skip
-    states = [_State(block, classes, model) for block, classes in blocks]
-    model = _learn(states, model)
+    parts = [_Block(block, classes, model) for block, classes in blocks]
+    used = [part.dim for part in parts]
+    model = _learn(parts, used, water, model)
     for _ in range(_ROUNDS - 1):
-        for state in states:
-            state.narrow(model)
-        model = _learn(states, model)
-    found = [_combined(s, model) for s in states]
+        used = [part.typical(u, model) for part, u in zip(parts, used, strict=True)]
+        model = _learn(parts, used, water, model)
+    found = [_combined(part, u, model) for part, u in zip(parts, used, strict=True)]
     if fine and len(nir):
-        glint = GlintScale.fit(nir, found, [s.open for s in states], scales[-1])
+        glint = GlintScale.fit(nir, found, water, scales[-1])
         model = replace(model, glint=glint)
-        found = [glint.even(f, n) for f, n in zip(found, nir, strict=True)]
-    scored = np.concatenate([f[s.open] for f, s in zip(found, states, strict=True)])
+        found = [glint.divided(f, n) for f, n in zip(found, nir, strict=True)]
+    scored = np.concatenate([f[w] for f, w in zip(found, water, strict=True)])
     return replace(model, q90=float(np.quantile(scored, 0.9)))
 
 
@@ -161,57 +167,56 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
     `block` and `nir`, (band, row, column), `classes` and the result, (row, column), cover the requested pixels and a
     margin of `model.halo` pixels. `nir` is needed if the model was fitted with a NIR.
     """
-    state = _State(block, classes, model)
+    part = _Block(block, classes, model)
+    used = part.dim
     for _ in range(_ROUNDS - 1):
-        state.narrow(model)
-    found = _combined(state, model)
+        used = part.typical(used, model)
+    found = _combined(part, used, model)
     if model.glint is not None and nir is not None:
-        found = model.glint.even(found, nir)
-    found[(classes == RIM) | ~state.sea] = np.nan
+        found = model.glint.divided(found, nir)
+    found[(classes == RIM) | ~part.sea] = np.nan
     return found
 
 
-class _State:
+class _Block:
     """A block `x` in robust standard deviations, (band, row, column), its `means` at every scale, and its masks.
 
-    Masks: `sea`: water and objects; `water`: water and rim; `open`: only water; `used`: pixels in the statistics.
+    Masks: `sea`: water and objects; `water`: water and rim; `dim`: water that is not as bright as land.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
         valid = np.isfinite(block).all(axis=0)
         self.sea = (classes > 0) & valid
         self.water = ((classes == WATER) | (classes == RIM)) & valid
-        self.open = (classes == WATER) & valid
         with np.errstate(over="ignore"):  # in float64: float32 cannot tell large values of one size apart
             x = np.subtract(block, model.centre[:, None, None], dtype=np.float64) / model.spread[:, None, None]
         self.x = x = np.where(self.sea, np.clip(x, -_FAR, _FAR), 0).astype(np.float32)
         count = {s: np.maximum(box_sum(self.sea.astype(np.float32), s), 1) for s in model.scales}
         self.means = [x if s == 1 else np.stack([box_sum(b, s) for b in x]) / count[s] for s in model.scales]
-        # there are no statistics yet: exclude pixels that are as bright as land
-        self.used = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
+        self.dim = self.water & (np.abs(self.means[-1]) < 30).all(axis=0)
 
-    def local(self) -> tuple[Array, Array]:
-        """Mean of `x` over used pixels in a window around each pixel, (band, row, column), and their number."""
-        count = box_sum(self.used.astype(np.float32), SEA_WINDOW)
-        total = np.stack([box_sum(np.where(self.used, b, 0), SEA_WINDOW) for b in self.x])
+    def local(self, used: Mask) -> tuple[Array, Array]:
+        """Mean of `x` over `used` pixels in a window around each pixel, (band, row, column), and their number."""
+        count = box_sum(used.astype(np.float32), SEA_WINDOW)
+        total = np.stack([box_sum(np.where(used, b, 0), SEA_WINDOW) for b in self.x])
         return total / (count + 1), count  # + 1: a pixel with the median of the scene, for windows without water
 
-    def standardised(self, variance: Float64) -> list[Array]:
+    def standardised(self, used: Mask, variance: Float64) -> list[Array]:
         """Standardised contrast z, (band, row, column), of each scale; `variance`, (scale, band), is of all water."""
-        mean, count = self.local()
+        mean, count = self.local(used)
         out = []
         for means, whole in zip(self.means, variance, strict=True):
             d = means - mean
-            share = np.stack([box_sum(np.where(self.used, b * b, 0), SEA_WINDOW) for b in d])
+            share = np.stack([box_sum(np.where(used, b * b, 0), SEA_WINDOW) for b in d])
             v = (share + _PRIOR * whole[:, None, None]) / (count + _PRIOR)
             out.append(d / np.sqrt(np.maximum(v, _FLOOR * whole[:, None, None])))
         return out
 
-    def narrow(self, model: SeaModel) -> None:
-        """Recompute `used`: `water` without the pixels within two pixels of a large distance at the largest scale."""
-        z = self.standardised(model.variance)[-1]
+    def typical(self, used: Mask, model: SeaModel) -> Mask:
+        """`water` without the pixels within two pixels of a large distance from `used` pixels at the largest scale."""
+        z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
-        self.used = self.water & ~grown(far, 5)
+        return self.water & ~grown(far, 5)
 
 
 def _distance(z: Array, white: Float64, side: str) -> Float32:
@@ -235,33 +240,35 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
     return centre, np.where(spread > 0, spread, 1.0)
 
 
-def _learn(states: Sequence[_State], model: SeaModel) -> SeaModel:
-    """Return the model with new statistics at every scale: variance, whitening matrix, quantiles of the distance."""
+def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
+    """Return the model with statistics of the `used` pixels: variance and whitening matrix at every scale.
+
+    The quantiles of the distance are those of all pixels of water, in the masks `water`; for the median, with the rim.
+    """
     variance = np.zeros_like(model.variance)
-    total = max(sum(int(s.used.sum()) for s in states), 1)
-    for state in states:
-        mean, _count = state.local()
-        for i, means in enumerate(state.means):
-            d = (means - mean)[:, state.used].astype(np.float64)
+    total = max(sum(int(u.sum()) for u in used), 1)
+    for part, u in zip(parts, used, strict=True):
+        mean, _count = part.local(u)
+        for i, means in enumerate(part.means):
+            d = (means - mean)[:, u].astype(np.float64)
             variance[i] += (d * d).sum(axis=1) / total
     variance = np.maximum(variance, 1e-12)
-    standard = [state.standardised(variance) for state in states]
+    standard = [part.standardised(u, variance) for part, u in zip(parts, used, strict=True)]
     whiteners, middle, rare = [], [], []
-    for i in range(len(model.scales)):
-        used = np.concatenate([z[i][:, s.used] for z, s in zip(standard, states, strict=True)], axis=1)
-        second = used.astype(np.float64) @ used.T.astype(np.float64) / max(used.shape[1], 1)
-        white = whitener(second)
+    for scale in zip(*standard, strict=True):
+        values = np.concatenate([z[:, u] for z, u in zip(scale, used, strict=True)], axis=1).astype(np.float64)
+        white = whitener(values @ values.T / max(values.shape[1], 1))
         whiteners.append(white)
-        both = np.concatenate([_distance(z[i], white, "both")[s.water] for z, s in zip(standard, states, strict=True)])
+        both = np.concatenate([_distance(z, white, "both")[p.water] for z, p in zip(scale, parts, strict=True)])
         middle.append(float(np.median(both)) or 1.0)
-        d = np.concatenate([_distance(z[i], white, model.side)[s.open] for z, s in zip(standard, states, strict=True)])
+        d = np.concatenate([_distance(z, white, model.side)[w] for z, w in zip(scale, water, strict=True)])
         rare.append(max(float(np.quantile(d, 1 - _RARE)), middle[-1] * (1 + 1e-6)))
     return replace(model, variance=variance, whiteners=tuple(whiteners), middle=np.array(middle), rare=np.array(rare))
 
 
-def _combined(state: _State, model: SeaModel) -> Float32:
+def _combined(part: _Block, used: Mask, model: SeaModel) -> Float32:
     """Maximum of the normalised distances over the scales, (row, column), in the unit of the distance at scale 1."""
-    scales = zip(state.standardised(model.variance), model.whiteners, model.middle, model.rare, strict=True)
+    scales = zip(part.standardised(used, model.variance), model.whiteners, model.middle, model.rare, strict=True)
     best = reduce(np.maximum, ((_distance(z, w, model.side) - low) / (high - low) for z, w, low, high in scales))
     low, high = float(model.middle[0]), float(model.rare[0])
     return np.asarray(np.maximum(low + (high - low) * best, 0), np.float32)

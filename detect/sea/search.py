@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,9 @@ from deglint.errors import FitError, InputError
 from ..arrays import Array, Float32, Float64
 from ..background import as_image, as_mask
 from ..objects import Object, find, find_among
-from ..threshold import Tail, Threshold, fit_pareto, from_tail
+from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survival
 from .model import SeaModel, fit, score
-from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, region
+from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, hull, rectangle, region
 
 LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
 _CONFIRMED = (9.0, 3.0)
@@ -77,10 +77,8 @@ class Clutter:
             return _MOST_RATE
         if above or not self.fitted:
             return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
-        y, least = ((x - self.low) / self.scale for x in (score, self.peaks[-1]))
-        ratio = (1 + self.shape * y) / (1 + self.shape * least) if abs(self.shape) > 1e-9 else 0.0
-        share = ratio ** (-1 / self.shape) if ratio > 0 else math.exp(least - y)
-        return min(share, 1.0) / self.area
+        highest, this = survival(np.array([self.peaks[-1], score]) - self.low, self.shape, self.scale).tolist()
+        return min(this / highest, 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
         """`Object.score_top` that `false_per_km2` false objects per km2 reach. Raises InputError if `area` is NaN."""
@@ -92,10 +90,8 @@ class Clutter:
             return self.low
         if wanted >= 1 or not self.fitted:
             return float(self.peaks[count - 1 - math.floor(wanted)])
-        y = (self.peaks[-1] - self.low) / self.scale
-        if abs(self.shape) < 1e-9:
-            return float(self.peaks[-1] - self.scale * math.log(wanted))
-        return float(self.low + self.scale * ((1 + self.shape * y) * wanted**-self.shape - 1) / self.shape)
+        highest = float(survival(self.peaks[-1] - self.low, self.shape, self.scale))
+        return self.low + excess_at(1 / (wanted * highest), self.shape, self.scale)
 
     def threshold(self, pfa: float) -> Threshold:
         """Threshold on scores that the fraction `pfa` of the clutter pixels exceeds, from `from_tail`."""
@@ -140,6 +136,28 @@ def _without(tail: Tail, taken: Array) -> Tail:
     gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
     at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
     return Tail(tail.n - len(taken), np.delete(ascending, at)[::-1], tail.keep)
+
+
+class Rated(NamedTuple):
+    """An object with the measures of how reliable it is."""
+
+    found: Object
+    kind: str  # "afloat", or "alongside" a quay; "anomaly" for detectors that do not distinguish them
+    rate: float  # expected number of false objects per km2 that are as conspicuous; NaN if not known
+    real: float  # probability that the object is real; NaN if not known
+
+
+def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
+    """Rate objects afloat, in order of descending `score_top`; `strata` kinds of objects share the false-alarm rate."""
+    found = sorted(found, key=lambda o: -o.score_top)
+    rates = np.array([
+        clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1) for o in found
+    ])  # fmt: skip
+    # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
+    # doi:10.1111/1467-9868.00346)
+    false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
+    real = 1 - np.minimum.accumulate(false[::-1])[::-1]
+    return [Rated(o, "afloat", strata * r, p) for o, r, p in zip(found, rates.tolist(), real.tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +225,7 @@ def score_scene(
     """
     values = as_image(np.asarray(image))
     valid = np.asarray(np.isfinite(values).all(axis=0))
-    inside = None if water is None else as_mask(np.asarray(water), values)
+    inside = as_mask(water, values)
     mask = valid if inside is None else inside & valid
     classes = region(mask, SeaRule(pixel), valid)
     model = fit([(values, classes)], pixel=pixel, side=side)
@@ -215,13 +233,14 @@ def score_scene(
     searched = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
     tail = Tail.of(searched, Tail.keep_for(max(pfa, 0.04), searched.size))
     candidates = find(searched > LOW * model.q90, scores)
-    clutter = clutter_of(tail, candidates, model.q90, area=tail.n * (pixel * pixel) / 1e6, fine=model.side == "both")
+    clutter = clutter_of(tail, candidates, model.q90, area=tail.n * (pixel * pixel) / 1e6, fine=model.fine)
     threshold = clutter.threshold(pfa)
     searched[classes == ATTACHED] = np.nan
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
     found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=pixel * pixel)
     records = [
         {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
-         "column": o.centroid[1], "false_per_km2": clutter.false_per_km2(o.score_top)} for o in found
+         "column": o.centroid[1], "false_per_km2": rate}
+        for o, _kind, rate, _real in sorted(rated_objects(found, clutter), key=lambda r: r.found.label)
     ]  # fmt: skip
     return Search(scores, classes, records, threshold, clutter, model)

@@ -53,6 +53,18 @@ def test_refusals():
         scorer.score(np.zeros((4, 5)))
     with pytest.raises(InputError, match="1 or more"):
         LineScorer(0)
+    with pytest.raises(InputError, match="1 or more"):
+        LineScorer(np.nan)
+    with pytest.raises(InputError, match="beyond double precision"):
+        scorer.score(np.full((3, 5), 1e200))
+
+
+def test_a_scene_of_one_line_is_told_to_be_too_short(rxdetect, write, tmp_path):
+    source = write(tmp_path / "line.tif", np.random.default_rng(0).normal(50, 2, (3, 1, 90)).astype(np.float32))
+    ran = rxdetect("score", source, tmp_path / "s.tif", "--lines")
+    assert ran.code == 3
+    assert "no line comes after 4 valid pixels per band" in ran.err
+    assert "is nodata" not in ran.err
 
 
 @pytest.mark.filterwarnings("error")

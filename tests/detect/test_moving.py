@@ -48,6 +48,12 @@ def test_speed_and_heading_of_a_boat(speed, heading):
     assert (found[0].row, found[0].column) == pytest.approx((90, 110), abs=0.5)
 
 
+@pytest.mark.parametrize("shape", [(150, 220), (220,)])
+def test_a_mask_of_another_shape_is_refused(shape):
+    with pytest.raises(InputError, match="the mask has shape"):
+        find_moving(moving_scene(), DELAYS, pixel=1.2, water=np.ones(shape, bool))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_waves_are_no_boats(seed):
     assert not find_moving(moving_scene(seed=seed), DELAYS, pixel=1.2)

@@ -245,6 +245,9 @@ def test_refusals():
         detector("nonsense", background.fit(image_of()))
     with pytest.raises(InputError, match="the image has 3 bands, the background 5"):
         rx.rx(image_of()[:3], background.fit(image_of()))
+    for function in (rx.rx, background.fit):
+        with pytest.raises(InputError, match="threads: want at least 1, got -1"):
+            function(image_of(), threads=-1)
 
 
 def test_inputs_are_not_modified():

@@ -1,6 +1,7 @@
 """`rxdetect score`, from file to file: scores, thresholds, objects, masks, backgrounds, and what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,20 @@ def test_p_values(rxdetect, scene, tmp_path):
     np.testing.assert_allclose(scores_of(p), expected, rtol=1e-7, atol=1e-40)
 
 
+def test_the_f_law_holds_for_any_divisor_of_the_covariance(tmp_path, write):
+    source = write(tmp_path / "noise.tif", np.random.default_rng(0).normal(50, 3, (4, 60, 60)).astype(np.float32))
+    recipe, whole = Recipe(method="local", window=(5, 9), pfa=1e-3, threshold="f"), (slice(4, -4), slice(4, -4))
+    ratios, p_values = [], []
+    for ddof in (0, 1, 4):
+        out, p = tmp_path / f"{ddof}.tif", tmp_path / f"{ddof}_p.tif"
+        found = score_file(source, out, replace(recipe, ddof=ddof), p_value=p)
+        ratios.append(scores_of(out)[whole] / found.threshold.value)
+        p_values.append(scores_of(p)[whole])
+    for ratio, p_value in zip(ratios, p_values, strict=True):
+        np.testing.assert_allclose(ratio, ratios[1], rtol=1e-5)
+        np.testing.assert_allclose(p_value, p_values[1], rtol=1e-4)
+
+
 def test_flags_of_global_scores(rxdetect, scene, tmp_path):
     out, marked = tmp_path / "out.tif", tmp_path / "flags.tif"
     options = ["--mask", "0,0,230,150", "--background", "0,0,100,200", "--flags", marked]
@@ -148,7 +163,7 @@ def test_flags_of_local_scores_in_any_tiling(rxdetect, tmp_path, sea, write):
 
 
 @pytest.mark.parametrize(("bands", "n"), [(1, 3), (1, None), (2, 40), (5, 416), (8, 10**7), (8, None), (33, 60)])
-def test_fast_p_values_against_mpmath(bands, n):
+def test_p_values_against_mpmath(bands, n):
     from mpmath import betainc, gammainc, mp, mpf
 
     scores = np.concatenate([[0.0, 1e-9, 1e-3], np.geomspace(0.01, 900, 60)])
@@ -161,8 +176,8 @@ def test_fast_p_values_against_mpmath(bands, n):
             return betainc(mpf(n - bands) / 2, mpf(bands) / 2, 0, 1 / (1 + w), regularized=True)
 
         expected = np.array([float(exact(float(d))) for d in scores])
-    np.testing.assert_allclose(threshold.fast_p_value(scores, bands, n), expected, rtol=1e-6)
-    assert np.isnan(threshold.fast_p_value(np.array([np.nan, 1.0]), bands, n)).tolist() == [True, False]
+    np.testing.assert_allclose(threshold.p_value(scores, bands, n), expected, rtol=1e-9)
+    assert np.isnan(threshold.p_value(np.array([np.nan, 1.0]), bands, n)).tolist() == [True, False]
 
 
 def test_fit_on_one_scene_score_another(rxdetect, scene, tmp_path, sea, write):
@@ -275,6 +290,9 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "utd", "--pfa", "1e-3", "--threshold", "f"], 1, "--threshold gpd or empirical"),
         (["--method", "local", "--covariance", "mcd"], 1, "take --covariance empirical or ridge"),
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
+        (["--method", "sea", "--mask", "none", "--background", "1,1,5,5"], 1, "leave out --background"),
+        (["--moving", "--pfa", "1e-3"], 1, "give --objects FILE"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"], 1, "scene.tif (--chips) is a file"),
         (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
@@ -317,6 +335,48 @@ def test_an_output_that_exists_or_is_the_input_stays(rxdetect, scene, tmp_path):
     assert "exists already" in rxdetect("score", scene, out).err
     assert "would be lost" in rxdetect("score", scene, scene, "--overwrite").err
     assert out.read_text() == "old"
+
+
+@pytest.fixture
+def never_scored(monkeypatch):
+    """Fail if a tile is scored."""
+
+    def fail(_scoring, _tile):
+        raise AssertionError("a tile was scored before the refusal")
+
+    monkeypatch.setattr(flags.Scoring, "__call__", fail)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--false-per-km2", "1"], "false-per-km2 needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--moving"], "--moving needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "old.gpkg"], "old.qml exists already"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "chips"], "object_0001.png exists already"),
+    ],
+)
+def test_refusals_come_before_the_long_work(
+    rxdetect, tmp_path, sea, write, monkeypatch, never_scored, options, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "chips").mkdir()
+    for name in ("old.qml", "chips/object_0001.png"):
+        (tmp_path / name).write_text("old")
+
+    def delays(dataset):
+        for band in (1, 2, 3):
+            dataset.update_tags(band, time_offset_s=str(band))
+
+    source = write(tmp_path / "in.tif", sea(60, 70), crs=None, transform=None, describe=delays)
+    ran = rxdetect("score", source, "out.tif", "--method", "sea", "--mask", "none", *options)
+    assert (ran.code, message in ran.err) == (1, True), ran.err
+
+
+def test_auto_takes_rx_for_fewer_pixels_than_the_statistics_of_water_need(rxdetect, tmp_path, sea, write):
+    ran = rxdetect("score", write(tmp_path / "in.tif", sea(9, 9)), tmp_path / "out.tif")
+    assert ran.code == 0, ran.err
+    assert "auto: rx, since 81 pixels are too few" in ran.err
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (3, 2)])

@@ -4,6 +4,7 @@ import json
 import re
 import sqlite3
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from rasterio.transform import from_origin
 from deglint.errors import InputError
 from detect import sea
 from detect.objects import find, find_among
-from detect.pipeline import plan
+from detect.pipeline import Recipe, plan, score_file
 from detect.sea import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule
 from detect.threshold import Tail
 
@@ -147,6 +148,18 @@ def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
     assert (np.diff(rates) <= 0).all()
     for rate in (10.0, 0.5, 0.005):
         assert clutter.false_per_km2(clutter.score_at(rate)) == pytest.approx(rate, rel=0.05, abs=1.01 / 100)
+
+
+def test_a_brighter_object_is_never_more_likely_false_where_the_law_ends():
+    scores = np.zeros((800, 20))
+    scores[::2, 5:8] = 1.6 + 6 * np.random.default_rng(5).beta(1, 3, 400)[:, None]
+    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=4.0)
+    assert clutter.shape < -0.1
+    end = clutter.low - clutter.scale / clutter.shape
+    rates = [clutter.false_per_km2(s) for s in np.linspace(clutter.peaks[-1], 1.5 * end, 200)]
+    assert (np.diff(rates) <= 0).all()
+    assert rates[-1] == 0
+    assert clutter.false_per_km2(clutter.score_at(0.01)) == pytest.approx(0.01)
 
 
 def test_few_candidates_are_ranked_not_fitted():
@@ -327,6 +340,23 @@ def test_a_body_of_many_fine_pixels_is_no_clutter():
     candidates = find(scores > 2.5, scores)
     kept = [sea.clutter_of(Tail.of(scores), candidates, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
     assert kept == [0, 1]
+
+
+@pytest.mark.parametrize("pixel", [1.0, 10.0])
+def test_what_a_confirmed_object_is_follows_from_the_pixel_not_from_the_side(pixel, tmp_path, write):
+    image = np.random.default_rng(0).normal(100, 3, (3, 200, 200)).astype(np.float32)
+    image[:, 100:104, 100:105] += 60
+    image[:, 40:44, 40:52] += 60
+    kept = [sea.score_scene(image, pixel=pixel, side=side).clutter.confirmed for side in ("bright", "both")]
+    assert kept == [1 + (pixel == 1.0)] * 2
+    source = write(tmp_path / "sea.tif", image, transform=from_origin(400_000, 800_000, pixel, pixel))
+    recipe = Recipe(method="sea", mask="none", bands=("1", "2", "3"), pfa=1e-3)
+    for side in ("bright", "both"):
+        marked = tmp_path / f"{side}.geojson"
+        score_file(source, tmp_path / f"{side}.tif", replace(recipe, side=side), objects=marked)
+        rates = [f["properties"]["false_per_km2"] for f in json.loads(marked.read_text())["features"]]
+        direct = sorted(o["false_per_km2"] for o in sea.score_scene(image, pixel=pixel, side=side, pfa=1e-3).objects)
+        assert rates == pytest.approx(direct, rel=0.01)
 
 
 @pytest.mark.parametrize(("side", "confirmed"), [(10, 0), (15, 1)])
