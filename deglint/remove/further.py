@@ -7,6 +7,7 @@ import numpy as np
 
 from ..moments import Mask
 from ..scene import FloatArray
+from .noise import noise
 from .predict import glint
 from .request import FitRequest
 from .wiener import SampleTile, fit
@@ -16,7 +17,9 @@ FURTHER_FROM = 680.0
 show objects and plumes: with them as references, a fifth of the objects in simulated scenes lost their contrast."""
 TEST_TILES = 4  # tiles on which further references are tested, spread over the sample
 EVEN_SIDE = 9  # window of the local means in the test [pixel]: wider than kernels, narrower than bottoms and plumes
-SLIGHT = 0.1  # change of local means relative to the standard deviation about them, up to which it does not matter
+MOST_MOVED = 2.0
+"""Upper limit of the standard deviation of the change of local means, relative to the noise of a pixel. A plume or a
+bottom that red edge shows exceeds it several times."""
 
 
 def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[int, ...]:
@@ -25,9 +28,10 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     Red-edge bands are closer to the shorter bands in wavelength, noise and time than the NIR. But if they show bottom,
     plumes or algae, these would be subtracted from the shorter bands. So the glint is removed with and without red
     edge. What red edge removes of the variance about local means is glint and noise; what it changes in the local means
-    may be signal. If it changes more than it removes, and more than `SLIGHT`, this is repeated without the shortest.
+    where there is less glint may be signal. If it changes more than it removes, or in any band more than `MOST_MOVED`
+    times the noise, this is repeated without the shortest red edge.
     """
-    return longest_that(request, lambda more: _removes_more(request, tiles, more))
+    return longest_that(request, lambda more: _harmless(request, tiles, more))
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
@@ -39,30 +43,37 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
     return tuple(more)
 
 
-def _removes_more(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> bool:
-    """Whether the references `more` (0-based bands) remove more variance about local means than they change in these.
+def _harmless(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> bool:
+    """Whether the references `more` (0-based bands) change the local means of the removal little, as `more_references`
+    says. False if nothing could be tested, or if all corrected bands are references.
 
-    A change up to `SLIGHT` is no harm. Both are variances over the half of the pixels with less glint, relative to the
-    variance about local means without `more`, averaged over bands. False if nothing could be tested, or if all
-    corrected bands are references.
+    The change is a variance over the half of the pixels with less glint. What is removed is taken over the same pixels
+    or over all, whichever is more. Both are relative to the variance about local means, and summed over bands.
     """
     tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
     plain, longer = (fit(replace(request, more=m, level_error=False), tiles) for m in (request.more, more))
     shorter = [f.band for f in longer.fits if f.band not in more]
     parts: list[FloatArray] = []  # (band, part, pixel) of each tile; the parts are those of `_parts`
-    for tile in tiles if plain.fits and shorter else ():
-        inside = tile.sample & np.isfinite(tile.block).all(axis=0)
-        if inside.any():
-            before, after = (glint(tile.block, m, tile.water, tile.origin)[0] for m in (plain, longer))
-            strength = np.sum([before[b] for b in shorter], axis=0)
-            calm = inside & (strength <= np.median(strength[inside]))
-            bands = (_parts(tile.block[b] - before[b], before[b] - after[b], inside) for b in shorter)
-            parts.append(np.stack([b[:, calm] for b in bands]))
-    if not parts:
+    less_glint: list[Mask] = []  # (pixel,) of each tile
+    inside = [t.sample & np.isfinite(t.block).all(axis=0) for t in tiles]
+    if not plain.fits or not shorter or not any(m.any() for m in inside):
         return False
-    fine, left, moved = np.concatenate(parts, axis=-1).var(axis=-1).T
-    fine = np.maximum(fine, np.finfo(np.float64).tiny)
-    return bool(np.mean(moved / fine) <= max(np.mean(1 - left / fine), SLIGHT**2))
+    for tile, mask in zip(tiles, inside, strict=True):
+        before, after = (glint(tile.block, m, tile.water, tile.origin)[0] for m in (plain, longer))
+        strength = np.sum([before[b] for b in shorter], axis=0)[mask]
+        less_glint.append(strength <= (np.median(strength) if strength.size else 0))
+        bands = (_parts(tile.block[b] - before[b], before[b] - after[b], mask) for b in shorter)
+        parts.append(np.stack([b[:, mask] for b in bands]))
+    every = np.concatenate(parts, axis=-1)
+    fine, left, _ = every.var(axis=-1).T
+    fine_of_less, left_of_less, moved = every[..., np.concatenate(less_glint)].var(axis=-1).T
+    unit = np.maximum(fine, np.finfo(np.float64).tiny)
+    removed = max(np.sum((fine - left) / unit), np.sum((fine_of_less - left_of_less) / unit))
+    planes = [
+        [np.where(m, t.block[b], 0).astype(np.float32) for t, m in zip(tiles, inside, strict=True)] for b in shorter
+    ]
+    limit = [(MOST_MOVED * noise(p, inside)) ** 2 for p in planes]
+    return bool(np.sum(moved / unit) <= removed and (moved <= limit).all())
 
 
 def _parts(result: FloatArray, change: FloatArray, inside: Mask) -> FloatArray:
