@@ -235,10 +235,16 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain."""
+    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain, or if
+    its stages are not those of its text form.
+    """
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
-        return Chain(before, after, str(data["chain"]))
+        text = str(data["chain"])
+        names = [*(s.name for s in before), "remove", *(s.name for s in after)]
+        if names != [step.name for step in parse(text)]:
+            raise ValueError(f"its stages are {', '.join(names)}, and its text is {text!r}")
+        return Chain(before, after, text)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 
