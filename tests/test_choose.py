@@ -14,7 +14,7 @@ from deglint.choose import candidates
 from deglint.choose.candidates import Candidate, windows
 from deglint.choose.implants import gains, implants
 from deglint.choose.score import EDGES, SCALES, expected_errors, least_glint, least_signal, level_excess, powers
-from deglint.choose.trial import NOT_JUDGED, Trial, _best, without_ships, without_shore
+from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.errors import InputError
 from deglint.scene import Band
@@ -246,6 +246,13 @@ def test_an_opening_must_be_clearly_better_where_bands_are_of_one_instant(delaye
     assert _best(trials, delayed=delayed).candidate.name == best
     trials[-1] = replace(trials[-1], error=0.08)
     assert _best(trials, delayed=delayed).candidate.name == "opening"
+
+
+@pytest.mark.parametrize(("best", "words"), [(0.205, "the simplest within 5% of the least"), (0.24, "openings hardly")])
+def test_the_reason_for_the_choice_is_true_where_another_candidate_has_less_error(best, words):
+    names = {"copy": 1.0, "wiener": best, "opening": 0.2}
+    trials = tuple(Trial(Candidate(n, n), (), {}, e) for n, e in names.items())
+    assert words in Choice(trials[1].candidate, trials).why
 
 
 @pytest.mark.parametrize("given", [{"method": "hedley"}, {"compensate": "off"}])

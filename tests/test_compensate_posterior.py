@@ -7,9 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from deglint.compensate import posterior
-from deglint.compensate.posterior import LeftOver, Posterior, posterior_mean
+from deglint.compensate.posterior import LeftOver, posterior_mean
 from deglint.compensate.state import Sample, Setting, State
-from deglint.errors import InputError
 from deglint.scene import Band
 
 BANDS = (Band("GREEN", 545.0), Band("RED", 660.0), Band("NIR", 840.0))
@@ -171,9 +170,3 @@ def test_even_left_over_glint_is_the_filter_of_lee():
     np.testing.assert_array_equal(out, posterior_mean(x, np.full_like(x, 3.0), np.float32(1.0), 9))
     assert out.std() < 0.65 * x.std()
     assert (variance > 0).all()
-
-
-def test_the_stage_needs_a_removal_before_it():
-    state, _ = state_and_water()
-    with pytest.raises(InputError, match="after remove"):
-        Posterior(4, (), (np.inf,) * 3).apply(replace(state, removed=None))

@@ -95,11 +95,16 @@ def test_reading_a_chain():
         ("targets, normalise, identify-median, median", "leave out normalise"),
         ("remove, normalise", "name it at the beginning"),
         ("remove, normalise, posterior", "name it at the beginning"),
+        ("posterior, remove", "name remove before it"),
         ("normalise, remove, identify-median, replace-bands", "name remove after it"),
         ("identify-level:9, targets, remove", "name replace-level"),
         ("identify-level:9, targets, remove, identify-level, replace-level", "name replace-level"),
         ("identify-median:5, median:25, targets, remove", "name median after them"),
         ("psf, remove, identify-level, replace-level", "psf serves identify-level"),
+        ("psf:2, normalise, identify-level:9, replace-level", "before the next of psf, normalise"),
+        ("psf, identify-median, median, identify-level, replace-level", "psf serves identify-level"),
+        ("identify-level:9, psf, replace-level, identify-level, replace-level", "psf serves identify-level"),
+        ("psf:3, psf:2, identify-level, replace-level", "psf serves identify-level"),
     ],
 )
 def test_refusals_are_one_clear_line(text, words):
@@ -166,6 +171,21 @@ def test_saved_and_read_back_to_the_bit(text):
 def test_what_is_no_saved_stage_is_refused(data):
     with pytest.raises(InputError) as error:
         stage_from(data)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("replace-level", "name identify-level before it"),
+        ("normalise, identify-median, replace-bands, median", "its stages are normalise, identify-level"),
+        ("", "is not one of normalise"),
+    ],
+)
+def test_a_saved_chain_that_was_edited_is_refused(text, words):
+    saved = Chain(fitted(CHAINS[-1], sparkling_block()), (), CHAINS[-1]).numbers() | {"chain": text}
+    with pytest.raises(InputError, match=words) as error:
+        chain_from(json.loads(json.dumps(saved)))
     assert "\n" not in str(error.value)
 
 

@@ -9,6 +9,7 @@ import rasterio
 from scipy.ndimage import gaussian_filter, grey_opening
 
 from deglint import Recipe, remove_glint
+from deglint.compensate.posterior import LeftOver, Posterior
 from deglint.compensate.state import Sample, Setting, State
 from deglint.compensate.uncertainty import ReplacedError, fit_removed, fit_replaced, halo, stderr
 from deglint.pipeline.flags import PROTECTED
@@ -72,6 +73,17 @@ def test_errors_of_slope_and_level_add_to_those_of_the_water():
     out = stderr(state, model)
     np.testing.assert_allclose(out[0], np.sqrt(4 + 9 + 1), rtol=1e-6)
     np.testing.assert_allclose(out[1], 2, rtol=1e-6)
+
+
+def test_noise_counts_once_after_a_posterior_mean_and_a_replacement():
+    x = (10 + np.random.default_rng(0).standard_normal((2, 40, 40))).astype(np.float32)
+    left_half = np.zeros(x.shape, bool)
+    left_half[:, :20] = True
+    state = State(x, x, np.ones((40, 40), bool), removed=np.zeros_like(x), replaced=left_half, errors=True)
+    stage = Posterior(4, (LeftOver(0, 1.0, (0.0,), (0.0,)),), (np.inf,) * 2)  # of the first band alone
+    out = stderr(stage.apply(state), NOTHING, [ReplacedError(b, 1.0, 0.25, 0.0) for b in (0, 1)])
+    np.testing.assert_allclose(out[:, :20], 0.5)
+    np.testing.assert_allclose(out[:, 20:], 1.0)
 
 
 def test_the_error_of_the_slope_where_glint_moved_between_the_bands():

@@ -111,8 +111,18 @@ def test_a_saved_chain_is_json_without_infinity(sea, write, tmp_path):
 
 def test_errors_need_the_level_before_the_removal(sea, write, tmp_path):
     recipe = Recipe(method="hedley", compensate="remove, identify-level:9, replace-level")
-    with pytest.raises(DeglintError, match="identify-level before remove"):
+    with pytest.raises(DeglintError, match="identify-level and replace-level before remove"):
         remove_glint(write(tmp_path / "sea.tif", sea()), tmp_path / "out.tif", recipe, stderr=tmp_path / "errors.tif")
+
+
+def test_errors_of_pixels_that_are_identified_but_not_replaced_include_what_removal_leaves(sea, write, tmp_path):
+    path, errors = write(tmp_path / "sea.tif", sea()), []
+    for chain in ("remove", "identify-level:9, remove"):
+        out = tmp_path / f"{len(errors)}.tif"
+        recipe = Recipe(method="hedley", compensate=chain)
+        remove_glint(path, tmp_path / "out.tif", recipe, stderr=out, overwrite=True)
+        errors.append(open_scene(out).read())
+    np.testing.assert_allclose(*errors, rtol=1e-5)
 
 
 def test_a_saved_chain_of_an_earlier_version_is_refused(made, tmp_path):

@@ -94,7 +94,9 @@ class Choice:
         trial = self.trial
         if trial is None:
             return "there is too little water to try others"
-        return f"least expected error of {len(self.trials)} candidates, {trial.error:.1%} of the water; {trial.kept}"
+        near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
+        how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "that openings hardly improve"
+        return f"of {len(self.trials)} candidates the simplest {how}: {trial.error:.1%} of the water; {trial.kept}"
 
     def lines(self) -> list[str]:
         """Lines of text for the log: the choice, and one line for each candidate."""

@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ..errors import InputError
 from .replace_glint import put
 from .state import Float32, Mask, State
 
@@ -28,9 +27,8 @@ class Median:
         return self.largest // 2
 
     def apply(self, state: State) -> State:
-        """Replace glint where the largest window has enough glint-free pixels. InputError if `state.glint` is None."""
-        if state.glint is None:
-            raise InputError("median needs glint to be identified: name identify-median or identify-level before it.")
+        """Replace glint where the largest window has enough glint-free pixels."""
+        assert state.glint is not None  # a chain identifies glint before
         values, filled = state.image.copy(), np.zeros_like(state.glint)
         for b, glint in enumerate(state.glint):
             at, clean = glint & state.water, ~glint & state.water

@@ -29,7 +29,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
 from ..morphology import grown
 from ..remove.noise import noise, spread
 from .state import FEWEST, Float32, Sample, Setting, State, full_scale
@@ -106,9 +105,8 @@ def left_over(band: int, sample: Sample) -> LeftOver:
 
 
 def _taken(state: State) -> Float32:
-    """Glint that the removal subtracted, (band, row, column). Raises InputError if there was no removal."""
-    if state.removed is None:
-        raise InputError("the posterior mean needs the glint that removal took: put the stage after remove.")
+    """Glint that the removal subtracted, (band, row, column)."""
+    assert state.removed is not None  # a chain removes before
     return state.removed
 
 
@@ -190,8 +188,8 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Flo
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Posterior:
     """Fit the stage: measure the glint that is left in a sample after the removal. `setting` describes the scene;
-    `number` is the width of a clump of glint [pixel], by default as measured in the first NIR band. Raises InputError
-    if there was no removal, and FitError if the sample is too small.
+    `number` is the width of a clump of glint [pixel], by default as measured in the first NIR band. Raises FitError if
+    the sample is too small.
     """
     corrected = [b for b in range(len(setting.bands)) if any(_taken(s)[b].any() for s in sample.states)]
     left = tuple(left_over(b, sample) for b in corrected)

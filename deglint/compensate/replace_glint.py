@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
 from .state import Float32, Mask, Sample, Setting, State
 
 
@@ -17,9 +16,9 @@ class ReplaceLevel:
     halo: ClassVar[int] = 0
 
     def apply(self, state: State) -> State:
-        """Set glint pixels to `State.background`, and mark them as replaced. Raises InputError without a background."""
-        if state.background is None or state.glint is None:
-            raise InputError("replace-level needs a level: name identify-level before it.")
+        """Set glint pixels to `State.background`, and mark them as replaced."""
+        assert state.background is not None  # a chain has identify-level before
+        assert state.glint is not None
         return put(state, state.glint, state.background, glint=None, sharp=None, psfs=None)
 
 
@@ -36,9 +35,8 @@ class ReplaceBands:
     order: tuple[tuple[int, ...], ...]  # for each band, all other bands, the nearest in wavelength first
 
     def apply(self, state: State) -> State:
-        """Replace and unmark glint, except where all bands have glint. Raises InputError if glint is not identified."""
-        if state.glint is None:
-            raise InputError("replace-bands needs glint to be identified: name identify-median or identify-level.")
+        """Replace and unmark glint, except where all bands have glint."""
+        assert state.glint is not None  # a chain identifies glint before
         values, found = nearest_clean(state.image, state.glint, self.order)
         return put(state, found, values, glint=state.glint & ~found)
 

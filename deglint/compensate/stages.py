@@ -7,6 +7,7 @@ remove``. `remove` is the removal by the NIR; stages before it process the scene
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,7 @@ NEVER_AFTER = {
     ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
     ("targets", "median"): "targets are found before the median replaces them: name median after them.",
 }  # (a stage, a stage that cannot come before it): why
+ENDS_PSF = ("psf", "normalise", "replace-level", "median", "remove")  # stages that discard what `psf` sharpened
 
 
 @dataclass(frozen=True)
@@ -166,8 +168,11 @@ def _check(names: Sequence[str]) -> None:
         for other in before:
             if (name, other) in NEVER_AFTER:
                 raise InputError(NEVER_AFTER[name, other])
-        if name == "psf" and "identify-level" not in after:
-            raise InputError("psf serves identify-level: name that after it, or psf-image to sharpen the image itself.")
+        if name == "psf" and "identify-level" not in takewhile(lambda n: n not in ENDS_PSF, after):
+            raise InputError(
+                f"psf serves identify-level: name that after it, before the next of {', '.join(ENDS_PSF)}; "
+                "or name psf-image to sharpen the image itself."
+            )
         if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
         if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
@@ -230,10 +235,16 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain."""
+    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain, or if
+    its stages are not those of its text form.
+    """
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
-        return Chain(before, after, str(data["chain"]))
+        text = str(data["chain"])
+        names = [*(s.name for s in before), "remove", *(s.name for s in after)]
+        if names != [step.name for step in parse(text)]:
+            raise ValueError(f"its stages are {', '.join(names)}, and its text is {text!r}")
+        return Chain(before, after, text)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 

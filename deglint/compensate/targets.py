@@ -392,5 +392,5 @@ def extrapolated(runs: Float64) -> float:
     0.003125
     """
     ends = np.maximum(-np.diff(runs), 0)
-    ratio = float(np.clip(np.median(ends[1:] / np.maximum(ends[:-1], 1e-12)), 0, 0.95)) if len(ends) > 1 else 0.95
+    ratio = float(np.clip(np.median(ends[1:] / np.maximum(ends[:-1], 1e-12)), 0, 0.95))
     return float(ends[-1]) * ratio / (1 - ratio)

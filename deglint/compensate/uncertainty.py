@@ -3,11 +3,11 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 .. math:: \sigma^2 = \sigma_w^2 + (\sigma_b g / b)^2 + (b \sigma_0)^2
 
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
-standard error of the glint-free NIR. The error variance of the water, :math:`\sigma_w^2`, comes from the stage
-`posterior` if the chain has it. Where glint was replaced by a background, :math:`\sigma_w^2` is the error variance of
-the background, measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to the
-compensated image, and the chain is run again. Elsewhere it is the variance of noise and of the glint that the removal
-left.
+standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
+:math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
+the compensated image, and the chain is run again. Elsewhere it comes from the stage `posterior` if the chain has it.
+Without that stage it is the variance of noise if the chain replaces glint, else of noise and of the glint that the
+removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
@@ -106,13 +106,15 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
 
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
-    errors : result of `fit_replaced`, for `replaced` and for other pixels; empty if the chain has no `identify-level`
+    errors : result of `fit_replaced` if stages before the removal replace glint. A trial of all stages has measured the
+        error of replaced pixels. Other pixels have the error of noise, in bands without `variance`.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
     for e in errors:
         rough = np.float32(e.even) + np.float32(e.relief) * _span(state.image[e.band]) ** 2
         replaced = np.zeros_like(state.water) if state.replaced is None else state.replaced[e.band]
-        variance[e.band] += np.where(replaced, rough, np.float32(e.noise))
+        known = variance[e.band] > 0  # noise included
+        variance[e.band] = np.where(replaced, rough, np.where(known, variance[e.band], np.float32(e.noise)))
     for f in model.fits:
         if state.removed is not None and f.slope:
             variance[f.band] += np.square(np.float32((f.stderr or 0.0) / f.slope) * state.removed[f.band])

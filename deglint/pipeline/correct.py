@@ -303,9 +303,10 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
     """A copy of `work` that also computes standard errors. Raises InputError or FitError if this is not possible."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
-    opens = any(isinstance(stage, compensate.Background) for stage in work.chain.before)
+    names = {stage.name for stage in work.chain.before}
+    opens = "identify-level" in names and bool({"replace-bands", "replace-level", "median"} & names)
     if work.chain.replaces and not opens:
-        raise InputError("--stderr needs a compensation with identify-level before remove, or --compensate off.")
+        raise InputError("--stderr needs identify-level and replace-level before remove, or --compensate off.")
     every = sample_of(list(on_threads(_tiles_of(work.scene), work.training, threads)))
     chosen = [part for part in zip(every.states, every.inside, strict=True) if part[1].any()]
     if not chosen:
