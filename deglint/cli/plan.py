@@ -99,13 +99,13 @@ plan_options = with_options(
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     heading("Which way to fly"),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
-    click.option("--altitude", type=float, default=300.0, metavar="M",
+    click.option("--altitude", type=float, metavar="M",
                  help="--fov: altitude above the sea; 300 by default."),
-    click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: the sensor looks forward by this,"),
-    click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+    click.option("--pitch", type=float, metavar="DEG", help="--fov: the sensor looks forward by this,"),
+    click.option("--roll", type=float, metavar="DEG", help="and to the right by this."),
     heading("A page with sliders"),
     click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
-    click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
+    click.option("--port", type=click.IntRange(0, 65535), metavar="N",
                  help="--serve: 8765 by default; 0 takes a free one."),
     click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
     heading("Output"),
@@ -161,7 +161,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
         from ..readers.areas import middle_of
 
         given = given | dict(zip(("lat", "lon"), middle_of(given["place"]), strict=True))
-    if given["sun"] and (given["lat"] is not None or given["time"]):
+    if given["sun"] and any(given[name] is not None for name in ("lat", "lon", "time")):
         raise click.UsageError("give --sun, or place and time, not both.")
     if given["sun"] and len(given["sun"]) < 2:
         raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")
