@@ -29,7 +29,7 @@ from .checks import check_choice, check_kind
 from .checksum import are_as, fingerprint, is_as
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Outputs
-from .pipeline.outputs import DTYPES
+from .pipeline.outputs import BESIDE, DTYPES
 from .pipeline.recipe import Recipe, band_names
 from .pipeline.run import READING, remove_glint
 from .raster.environment import environment
@@ -39,8 +39,6 @@ from .readers.text import read_json, read_toml
 from .tiles import default_threads
 
 log = logging.getLogger(__name__)
-EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
-"""Optional outputs beside the image, and the endings of their file names."""
 # status of a scene
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 STOP_PATIENCE = 10.0  # time that a worker has to remove temporary files after the batch is stopped [s]
@@ -53,7 +51,7 @@ class Order:
     recipe: Recipe = field(default_factory=Recipe)
     directory: Path = Path()  # of the outputs; created if it is missing
     name: str = "{name}_deglinted.tif"  # file name of an image; "{name}" stands for the name of the scene
-    extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
+    extras: tuple[str, ...] = ()  # keys of `BESIDE` that are written too, as "{name}_flags.tif" and so on
     dtype: str | None = None  # type of the image; None: the type of the scene
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
@@ -101,7 +99,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
             raise InputError(f"[output] name {order.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
         checked_name(order.name.replace("{name}", "x"), "[output] name")
         for extra in order.extras:
-            check_choice(extra, list(EXTRAS), "[output] extras:")
+            check_choice(extra, list(BESIDE), "[output] extras:")
         check_choice(order.dtype or "float32", list(DTYPES), "[output] dtype")
         if directory is None and Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
             raise InputError(
@@ -146,7 +144,7 @@ def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
     made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:
         image = order.directory / order.name.replace("{name}", scene.name)
-        extras: Any = {name: image.with_name(f"{image.stem}_{name}{EXTRAS[name]}") for name in order.extras}
+        extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in order.extras}
         jobs.append(Job(scene, Outputs(image, **made, **extras)))
     names = Counter(path for job in jobs for path in job.outputs.every())
     if twice := next((path for path, count in names.items() if count > 1), None):
