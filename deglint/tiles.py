@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, TypeVar
 
+from .checks import check_number
 from .moments import CELL
 from .scene import Window
 
@@ -139,6 +140,14 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
 def default_threads() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def thread_count(threads: int | None) -> int:
+    """`threads`, by default the number of processors that this process may use; InputError unless it is 1 to 1024."""
+    if threads is None:
+        return default_threads()
+    check_number(threads, 1, 1024, "threads")
+    return threads
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:

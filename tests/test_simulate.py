@@ -474,3 +474,19 @@ def test_a_grid_of_experiments_makes_its_directory(tmp_path):
     assert len(setups) == 20  # two winds, five looks, two f-numbers
     assert {s["wind"]: s["foam"] for s in setups} == {wind: whitecaps(wind) for wind in (5.0, 12.0)}
     assert run(["simulate", "--grid", "--size", "32", "-q", str(tmp_path / "no" / "where")]) == 1
+
+
+def test_the_command_takes_the_processors_of_its_process(monkeypatch, tmp_path):
+    from deglint.cli import run
+
+    seen = []
+
+    def make(_setup, *, workers, **_options):
+        seen.append(workers)
+        raise InputError("enough")
+
+    monkeypatch.setattr("os.cpu_count", lambda: 64)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _process: {0, 1, 2}, raising=False)
+    monkeypatch.setattr("deglint.simulate.simulate", make)
+    assert run(["simulate", str(tmp_path / "sea"), "-q"]) == 1
+    assert seen == [3]

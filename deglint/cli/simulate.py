@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -121,10 +120,11 @@ def simulate(out: Path, **given: Any) -> None:
     from ..raster.simulated import check_free, write_scene
     from ..raster.targets import make_directory
     from ..simulate import simulate as make
+    from ..tiles import thread_count
     from .running import Console
 
     written = []
-    setups = _setups(out, given)
+    setups, workers = _setups(out, given), thread_count(given["threads"])
     if given["dry_run"]:
         _announce(setups, given)
         return
@@ -139,7 +139,6 @@ def simulate(out: Path, **given: Any) -> None:
             console.progress("simulate", count * bands + done, len(setups) * bands)
 
         for count, (name, setup) in enumerate(setups):
-            workers = given["threads"] or os.cpu_count() or 1
             scene = make(setup, workers=workers, keep_surface=given["surface"], progress=progress)
             files = write_scene(scene, name, overwrite=given["overwrite"])
             written += [str(f) for f in files]
