@@ -185,7 +185,10 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end."""
+    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
+
+    For a dry run, the options are checked, and there is no cluster.
+    """
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:
@@ -195,8 +198,13 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
         raise click.UsageError("--threads are this process's own: leave it out with --cluster and --workers.")
     if given["cluster"] is not None and given["workers"] is not None:
         raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
-    from ..cluster import connect
+    from ..cluster import check_cluster, connect
 
-    with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
+    address, workers, memory = given["cluster"], given["workers"], given["worker_memory"] or "auto"
+    if given.get("dry_run"):
+        check_cluster(address, workers, memory)
+        yield None
+        return
+    with connect(address, workers=workers, memory=memory) as cluster:
         yield cluster
         log.info("%d workers, each held at most %.0f MB", *cluster.numbers().values())

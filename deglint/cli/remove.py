@@ -17,7 +17,9 @@ from .options import FILE, AutoOr, FileName, heading, opening
 from .running import Console
 
 if TYPE_CHECKING:
+    from ..compensate import Chain
     from ..pipeline import Outputs, Recipe
+    from ..remove import GlintModel
     from ..scene import Scene
 
 
@@ -104,25 +106,30 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
     options.needs_output(inputs, output, "deglint remove")
-    saved = given["model_in"]
-    if saved and (given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))):
-        raise click.UsageError(
-            "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
-        )
-    if given["dry_run"]:
-        with Console(given):
-            dry_run(inputs, output, given)
-        return
-    with Console(given) as console, options.cluster_of(given) as cluster:
-        from ..pipeline import load_chain, load_model, remove_glint
+    from ..pipeline.recipe import unused_by_model
 
-        model, chain = (load_model(saved), load_chain(saved)) if saved else (None, None)
+    if given["model_in"] and (unused := unused_by_model(given)):
+        raise click.UsageError(f"--model applies a fit that is there: leave out {unused}.")
+    with Console(given) as console, options.cluster_of(given) as cluster:
+        if given["dry_run"]:
+            dry_run(inputs, output, given, console)
+            return
+        from ..pipeline import remove_glint
+
+        model, chain = model_of(given)
         result = remove_glint(
             list(inputs), outputs_of(output, given), recipe_of(given), model=model, chain=chain, **opening(given),
             grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
+
+
+def model_of(given: dict[str, Any]) -> tuple[GlintModel, Chain] | tuple[None, None]:
+    """Read the model that the option --model names, and the compensation that was saved with it; None without one."""
+    from ..pipeline.outputs import load_fit
+
+    return load_fit(given["model_in"]) if given["model_in"] else (None, None)
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
@@ -141,37 +148,33 @@ def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
     return Outputs(Path(output), sample=given["save_sample"], model=given["save_model"], reads=reads, **same)
 
 
-def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
+def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: Console) -> None:
     """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
     import numpy as np
 
-    from ..pipeline import fit_scene, load_chain, load_model
-    from ..pipeline.fit import given_model
-    from ..pipeline.run import check_outputs
+    from ..pipeline.run import Run, check_outputs, prepare
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene
-    from ..tiles import default_threads
+    from ..readers.undeclared import settled
+    from ..tiles import thread_count
 
-    targets, used = outputs_of(output, given), recipe_of(given)
+    targets, used, saved = outputs_of(output, given), recipe_of(given), model_of(given)
     with environment():
         check_outputs(inputs, used, given["sensor"], targets)
-        scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
-        begun = time.perf_counter()
-        if given["model_in"]:
-            saved, count = given["model_in"], given["threads"] or default_threads()
-            model = given_model(scene, used, load_model(saved), count, load_chain(saved)).model
-        else:
-            fitted = fit_scene(scene, used, threads=given["threads"])
-            model, used = fitted.model, fitted.recipe
-    took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
+        scene = settled(open_scene(list(inputs), **opening(given), grid=given["grid"]))
+        run = Run(thread_count(given["threads"]), console.progress)
+        fitted, work = prepare(scene, used, targets, run, *saved)
+    used = used if given["model_in"] else fitted.recipe
+    took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
-                targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
+                targets.amount: 4 * pixels * len(work.amount_bands),
+                targets.stderr: 4 * pixels * len(work.changed)}  # fmt: skip
     # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
-    nir = [scene.names[b] for b in model.index_bands]
+    nir = [scene.names[b] for b in fitted.model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
     if given["as_json"]:
         click.echo(json.dumps(plain({**about, "files": files}), indent=2))

@@ -30,7 +30,7 @@ from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
 from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
-from .recipe import smallest_object
+from .recipe import Recipe, smallest_object
 from .sample import Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
@@ -270,7 +270,7 @@ def correction(
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
     needs noise or standard errors, these are estimated on `threads` threads. Raises as `open_area`, `_with_stderr`.
     """
-    wanted = mask or fitted.recipe.mask
+    wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
     changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any
 
 from .. import tiles as tiling
-from ..checks import check_kind, check_number, checked_keywords
+from ..checks import check_kind, checked_keywords
 from ..choose import Choice
 from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
@@ -19,7 +19,7 @@ from ..scene import Scene
 from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
-from .recipe import Recipe, make_request
+from .recipe import Recipe, make_request, unused_by_model
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
@@ -101,10 +101,9 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    if threads is not None:
-        check_number(threads, 1, 1024, "threads")
+    threads = tiling.thread_count(threads)
     with environment():
-        found, threads = undeclared(scene), threads or tiling.default_threads()
+        found = undeclared(scene)
         return replace(_fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run), undeclared=found)
 
 
@@ -193,8 +192,10 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
     Without a chain, only `recipe.bands` are corrected. Raises InputError if the model or chain does not suit this scene
-    or the bands and NIR of the recipe, and NoWaterError if `mask` "auto" finds no water.
+    or the bands and NIR of the recipe, or does not use an option of it; NoWaterError if `mask` "auto" finds no water.
     """
+    if unused := unused_by_model(vars(recipe)):
+        raise InputError(f"a given model (--model) is applied as it was fitted: leave out {unused}.")
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
     if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
