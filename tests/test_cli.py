@@ -44,7 +44,7 @@ def test_starting_loads_no_heavy_package(code, needed):
 
 
 def test_the_choices_of_the_command_line_are_the_tables():
-    choices = {p.name: p.type.choices for p in command.remove.params if isinstance(p.type, options.AutoOr)}
+    choices = {p.name: p.type.choices for p in command.remove.params if isinstance(p.type, options.ChoiceFromTable)}
     assert choices == {"method": ("auto", *METHODS), "regression": ("auto", *REGRESSIONS)}
 
 

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from deglint.cli.options import ChoiceFromTable
 from deglint.errors import InputError, WriteError
 from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
@@ -455,12 +456,10 @@ def test_command_writes_one_scene(tmp_path):
 def test_help_names_what_there_is():
     from importlib import import_module
 
-    command = import_module("deglint.cli.simulate")
-    assert tuple(PRESETS) == command.SENSOR_NAMES
-    assert sky.SKY_MODELS == command.SKY_NAMES
-    assert KERNELS == command.KERNEL_NAMES
-    assert get_args(SlopeModel) == command.SIMULATED_SLOPES
-    assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
+    params = import_module("deglint.cli.simulate").simulate.params
+    choices = {p.name: p.type.choices for p in params if isinstance(p.type, ChoiceFromTable)}
+    assert choices == {"preset": tuple(PRESETS), "sky": sky.SKY_MODELS, "resampling": KERNELS,
+                       "slopes": get_args(SlopeModel), "spectrum": get_args(waves.Spectrum)}  # fmt: skip
 
 
 @pytest.mark.slow

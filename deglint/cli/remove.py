@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .options import FILE, AutoOr, FileName, heading, opening
+from .options import FILE, ChoiceFromTable, FileName, heading, opening
 from .running import Console
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 remove_options = options.with_options(
     heading("What to do"),
-    click.option("--method", type=AutoOr("METHODS"), default="auto",
+    click.option("--method", type=ChoiceFromTable("METHODS", "deglint.remove", "auto"), default="auto",
                  help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
     click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
                  help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
@@ -46,7 +46,7 @@ remove_options = options.with_options(
     click.option("--model", "model_in", type=FILE, metavar="FILE",
                  help="Apply this saved model instead of fitting one."),
     heading("Details of the fit"),
-    click.option("--regression", type=AutoOr("REGRESSIONS"), default="auto",
+    click.option("--regression", type=ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto"), default="auto",
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
     click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
                  help="Stop reading the sample when the relative standard error of every slope is at most this, such "
