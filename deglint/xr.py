@@ -133,10 +133,10 @@ def apply(
     work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
     every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
+    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
 
 
-def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
     return replace(work, scene=scene)(tile).raw
 
 

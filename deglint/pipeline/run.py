@@ -256,7 +256,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     everything = tiles_over(scene, whole.window, work.layout.tile)
     options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
     with environment():
-        for tile, (clean, _where) in tiling.run(everything, work.corrected, **options):
+        for tile, (clean, _where) in tiling.run(everything, work.values, **options):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
             out[part.within(whole)] = clean[part.within(tile)]
     return out
