@@ -189,7 +189,7 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
     """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
 
-    For a dry run, the options are checked, and there is no cluster.
+    For a dry run, the options are checked, and None is provided.
     """
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")

@@ -17,9 +17,7 @@ from .options import FILE, ChoiceFromTable, FileName, heading, opening
 from .running import Console
 
 if TYPE_CHECKING:
-    from ..compensate import Chain
     from ..pipeline import Outputs, Recipe
-    from ..remove import GlintModel
     from ..scene import Scene
 
 
@@ -115,21 +113,15 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
             dry_run(inputs, output, given, console)
             return
         from ..pipeline import remove_glint
+        from ..pipeline.outputs import load_fit
 
-        model, chain = model_of(given)
+        model, chain = load_fit(given["model_in"]) if given["model_in"] else (None, None)
         result = remove_glint(
             list(inputs), outputs_of(output, given), recipe_of(given), model=model, chain=chain, **opening(given),
             grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
-
-
-def model_of(given: dict[str, Any]) -> tuple[GlintModel, Chain] | tuple[None, None]:
-    """Read the model that the option --model names, and the compensation that was saved with it; None without one."""
-    from ..pipeline.outputs import load_fit
-
-    return load_fit(given["model_in"]) if given["model_in"] else (None, None)
 
 
 def recipe_of(given: dict[str, Any]) -> Recipe:
@@ -152,6 +144,7 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: 
     """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
     import numpy as np
 
+    from ..pipeline.outputs import load_fit
     from ..pipeline.run import Run, check_outputs, prepare
     from ..raster.environment import environment
     from ..raster.output import plain
@@ -159,7 +152,8 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: 
     from ..readers.undeclared import settled
     from ..tiles import thread_count
 
-    targets, used, saved = outputs_of(output, given), recipe_of(given), model_of(given)
+    targets, used = outputs_of(output, given), recipe_of(given)
+    saved = load_fit(given["model_in"]) if given["model_in"] else (None, None)
     with environment():
         check_outputs(inputs, used, given["sensor"], targets)
         scene = settled(open_scene(list(inputs), **opening(given), grid=given["grid"]))
@@ -167,11 +161,11 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: 
         fitted, work = prepare(scene, used, targets, run, *saved)
     used = used if given["model_in"] else fitted.recipe
     took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
+    amount = 4 * pixels * len(work.amount_bands)  # float32
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
-                targets.amount: 4 * pixels * len(work.amount_bands),
-                targets.stderr: 4 * pixels * len(work.changed)}  # fmt: skip
+                targets.amount: amount, targets.stderr: amount}  # fmt: skip
     # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in fitted.model.index_bands]
