@@ -104,47 +104,39 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
     options.needs_output(inputs, output, "deglint remove")
+    from ..pipeline import Outputs, Recipe, remove_glint
+    from ..pipeline.outputs import load_fit
     from ..pipeline.recipe import unused_by_model
 
-    if given["model_in"] and (unused := unused_by_model(given)):
+    saved = given["model_in"]
+    if saved and (unused := unused_by_model(given)):
         raise click.UsageError(f"--model applies a fit that is there: leave out {unused}.")
+    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
+    made = {"sample": given["save_sample"], "model": given["save_model"], "reads": [saved] if saved else []}
     with Console(given) as console, options.cluster_of(given) as cluster:
+        targets = Outputs(Path(output), **made, **same)
+        recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
+        model, chain = load_fit(saved) if saved else (None, None)
         if given["dry_run"]:
-            dry_run(inputs, output, given, console)
+            dry_run(inputs, targets, recipe, (model, chain), given, console)
             return
-        from ..pipeline import remove_glint
-        from ..pipeline.outputs import load_fit
-
-        model, chain = load_fit(given["model_in"]) if given["model_in"] else (None, None)
         result = remove_glint(
-            list(inputs), outputs_of(output, given), recipe_of(given), model=model, chain=chain, **opening(given),
+            list(inputs), targets, recipe, model=model, chain=chain, **opening(given),
             grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
-def recipe_of(given: dict[str, Any]) -> Recipe:
-    """Make a recipe from the options of the command."""
-    from ..pipeline import Recipe
+def dry_run(
+    inputs: Sequence[str], targets: Outputs, recipe: Recipe, saved: Any, given: dict[str, Any], console: Console
+) -> None:
+    """Open the scene and fit the recipe, or take the model and chain `saved`; print the files that would be written.
 
-    return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
-
-
-def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
-    """Make the `Outputs` of `remove_glint` from the name of the output and the options of the command."""
-    from ..pipeline import Outputs
-
-    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
-    reads = [given["model_in"]] if given["model_in"] else []
-    return Outputs(Path(output), sample=given["save_sample"], model=given["save_model"], reads=reads, **same)
-
-
-def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: Console) -> None:
-    """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
+    Their sizes are those before compression. Options that the run would refuse raise the same error.
+    """
     import numpy as np
 
-    from ..pipeline.outputs import load_fit
     from ..pipeline.run import Run, check_outputs, prepare
     from ..raster.environment import environment
     from ..raster.output import plain
@@ -152,14 +144,12 @@ def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any], console: 
     from ..readers.undeclared import settled
     from ..tiles import thread_count
 
-    targets, used = outputs_of(output, given), recipe_of(given)
-    saved = load_fit(given["model_in"]) if given["model_in"] else (None, None)
     with environment():
-        check_outputs(inputs, used, given["sensor"], targets)
+        check_outputs(inputs, recipe, given["sensor"], targets)
         scene = settled(open_scene(list(inputs), **opening(given), grid=given["grid"]))
         run = Run(thread_count(given["threads"]), console.progress)
-        fitted, work = prepare(scene, used, targets, run, *saved)
-    used = used if given["model_in"] else fitted.recipe
+        fitted, work = prepare(scene, recipe, targets, run, *saved)
+    used = recipe if given["model_in"] else fitted.recipe
     took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
     amount = 4 * pixels * len(work.amount_bands)  # float32
     data = read_bytes(scene)

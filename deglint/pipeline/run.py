@@ -118,11 +118,6 @@ class Run:
     cluster: Cluster | None = None
     begun: float = field(default_factory=time.perf_counter)  # [s]
 
-    @property
-    def over(self) -> tiling.Run:
-        """Function that processes tiles: on threads, or on the workers of the cluster."""
-        return (self.cluster or tiling).run
-
 
 def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, targets: Outputs) -> list[str]:
     """Check that outputs can be written and replace no input (nor the file `sensor`); return the files of the scene."""
@@ -146,8 +141,8 @@ def prepare(
     if model is not None:
         fitted = given_model(scene, recipe, model, run.threads, chain)
     else:
-        more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
-        fitted = fit_scene(scene, recipe, threads=run.threads, **more)
+        over, want = (run.cluster or tiling).run, targets.sample is not None
+        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=over)
     if targets.sample and fitted.sample is None and fitted.choice and not fitted.model.fits:  # the choice is to copy
         fitted = replace(fitted, sample=collection([], scene))
     if targets.sample and fitted.sample is None:
@@ -196,7 +191,7 @@ def _write_tiles(
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
     with one_thread_each(), writing_all(scratch, images) as writers:
-        for tile, done in run.over(everything, work, threads=at_once, **options):
+        for tile, done in (run.cluster or tiling).run(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
