@@ -37,7 +37,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         band, suggested method and reason, candidates, notes. Unknown values are None; "notes" and "reason" say why.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe, threads = recipe or Recipe(), tiling.thread_count(threads)
+    recipe, threads = recipe or Recipe(), tiling.default_threads(threads)
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
     out = _header(scene)

@@ -137,17 +137,12 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
 
 
-def default_threads() -> int:
-    """Number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def thread_count(threads: int | None) -> int:
+def default_threads(threads: int | None = None) -> int:
     """`threads`, by default the number of processors that this process may use; InputError unless it is 1 to 1024."""
-    if threads is None:
-        return default_threads()
-    check_number(threads, 1, 1024, "threads")
-    return threads
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
+        return threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:

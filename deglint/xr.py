@@ -37,7 +37,7 @@ from .readers.arrays import BANDS, PER_BAND, ArrayScene, axes, open_array
 from .readers.undeclared import settled
 from .remove import GlintModel
 from .scene import Scene
-from .tiles import Tile, thread_count
+from .tiles import Tile, default_threads
 
 __all__ = ["Deglint", "apply", "fit", "remove", "stack"]
 
@@ -111,7 +111,7 @@ def apply(
         The bands do not match the fit, an argument is not allowed, or there is no water; DeglintError without xarray.
     """
     need_xarray()
-    opened, threads = open_array(array, **reading), thread_count(threads)
+    opened, threads = open_array(array, **reading), default_threads(threads)
     if isinstance(fitted, GlintModel):
         recipe = Recipe() if mask is None else Recipe(mask=mask)
         if recipe.mask == "auto":  # else nothing is computed yet
@@ -277,7 +277,7 @@ def over_tiles(
     block = max(step, tiling.COMPACT) // step * step
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
-    threads = tiling.affordable(thread_count(threads), (block, block), 3 * len(scene.bands))
+    threads = tiling.affordable(default_threads(threads), (block, block), 3 * len(scene.bands))
     for tile, done in tiling.run(every, partial(work, scene), threads=threads, start=enter_thread):
         out[tile.within(Tile(0, scene.height, 0, scene.width))] = done
     return out

@@ -142,12 +142,12 @@ def dry_run(
     from ..raster.output import plain
     from ..readers import open_scene
     from ..readers.undeclared import settled
-    from ..tiles import thread_count
+    from ..tiles import default_threads
 
     with environment():
         check_outputs(inputs, recipe, given["sensor"], targets)
         scene = settled(open_scene(list(inputs), **opening(given), grid=given["grid"]))
-        run = Run(thread_count(given["threads"]), console.progress)
+        run = Run(default_threads(given["threads"]), console.progress)
         fitted, work = prepare(scene, recipe, targets, run, *saved)
     used = recipe if given["model_in"] else fitted.recipe
     took, pixels = time.perf_counter() - run.begun, scene.height * scene.width

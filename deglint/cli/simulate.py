@@ -119,11 +119,11 @@ def simulate(out: Path, **given: Any) -> None:
     from ..raster.simulated import check_free, write_scene
     from ..raster.targets import make_directory
     from ..simulate import simulate as make
-    from ..tiles import thread_count
+    from ..tiles import default_threads
     from .running import Console
 
     written = []
-    setups, workers = _setups(out, given), thread_count(given["threads"])
+    setups, workers = _setups(out, given), default_threads(given["threads"])
     if given["dry_run"]:
         _announce(setups, given)
         return

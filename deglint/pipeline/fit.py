@@ -101,7 +101,7 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    threads = tiling.thread_count(threads)
+    threads = tiling.default_threads(threads)
     with environment():
         found = undeclared(scene)
         return replace(_fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run), undeclared=found)

@@ -89,7 +89,7 @@ def remove_glint(
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     _check_saved(model, options.get("chain"))
-    run = Run(tiling.thread_count(threads), progress or Reporter(), cluster)
+    run = Run(tiling.default_threads(threads), progress or Reporter(), cluster)
     with environment():
         files = check_outputs(source, recipe, reading.get("sensor"), targets)
         # begun before the scene is opened: what changes from now on is noticed

@@ -83,7 +83,6 @@ class Training:
 
 def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
     """Make a function that reads a tile and `halo` pixels around. Sample: the recipe's, else water away from shores.
-
     With a sample of the recipe, `Training.water` is the sample; if `with_water`, also the water that is found.
     """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
