@@ -29,7 +29,7 @@ from .checks import check_choice, check_kind
 from .checksum import are_as, fingerprint, is_as
 from .errors import DeglintError, InputError, NoWaterError
 from .pipeline import Outputs
-from .pipeline.outputs import DTYPES
+from .pipeline.outputs import BESIDE, DTYPES
 from .pipeline.recipe import Recipe, band_names
 from .pipeline.run import READING, remove_glint
 from .raster.environment import environment
@@ -39,21 +39,19 @@ from .readers.text import read_json, read_toml
 from .tiles import default_threads
 
 log = logging.getLogger(__name__)
-EXTRAS = {"flags": ".tif", "amount": ".tif", "picture": ".png", "sample": ".geojson", "model": ".json"}
-"""Optional outputs beside the image, and the endings of their file names."""
 # status of a scene
 TODO, DONE, FINISHED, NO_WATER, FAILED = "to do", "done", "finished before", "no water", "failed"
 STOP_PATIENCE = 10.0  # time that a worker has to remove temporary files after the batch is stopped [s]
 
 
 @dataclass(frozen=True)
-class Order:
+class BatchConfig:
     """Options that apply to every scene of a batch: the tables [recipe], [output] and [input] of a recipe file."""
 
     recipe: Recipe = field(default_factory=Recipe)
     directory: Path = Path()  # of the outputs; created if it is missing
     name: str = "{name}_deglinted.tif"  # file name of an image; "{name}" stands for the name of the scene
-    extras: tuple[str, ...] = ()  # keys of `EXTRAS` that are written too, as "{name}_flags.tif" and so on
+    extras: tuple[str, ...] = ()  # keys of `BESIDE` that are written too, as "{name}_flags.tif" and so on
     dtype: str | None = None  # type of the image; None: the type of the scene
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
@@ -68,8 +66,8 @@ class Order:
         return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def read_order(path: str, directory: str | None = None) -> Order:
-    """Read a recipe file, TOML with the tables of `Order`; a given `directory` replaces the file's output directory.
+def read_order(path: str, directory: str | None = None) -> BatchConfig:
+    """Read a recipe file, TOML with the tables of `BatchConfig`; a given `directory` replaces that of the file.
 
     Raises ReadError if the file cannot be read, and InputError if it is not TOML or has a name or value that is not
     allowed, such as an output directory above the current one.
@@ -88,7 +86,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
             check_kind(output.get(name, ""), str, f"[output] {name}", "Write it in quotes.")
         place, options = output.pop("directory", ""), output.pop("options", {})
         check_kind(options, dict, "[output] options", "Write NAME = VALUE pairs, as {COMPRESS = 'ZSTD'}.")
-        order = Order(
+        order = BatchConfig(
             Recipe(**recipe),
             Path(directory or place),
             extras=band_names(output.pop("extras", ()), "extras"),
@@ -101,7 +99,7 @@ def read_order(path: str, directory: str | None = None) -> Order:
             raise InputError(f"[output] name {order.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
         checked_name(order.name.replace("{name}", "x"), "[output] name")
         for extra in order.extras:
-            check_choice(extra, list(EXTRAS), "[output] extras:")
+            check_choice(extra, list(BESIDE), "[output] extras:")
         check_choice(order.dtype or "float32", list(DTYPES), "[output] dtype")
         if directory is None and Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
             raise InputError(
@@ -140,13 +138,13 @@ class Outcome:
     warnings: int = 0  # number of warnings in the sidecar
 
 
-def jobs_of(order: Order, scenes: Sequence[ListedScene]) -> list[Job]:
+def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
     """One job for each scene; raise InputError if scenes have the same output or an output would replace an input."""
     jobs = []
     made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
     for scene in scenes:
         image = order.directory / order.name.replace("{name}", scene.name)
-        extras: Any = {name: image.with_name(f"{image.stem}_{name}{EXTRAS[name]}") for name in order.extras}
+        extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in order.extras}
         jobs.append(Job(scene, Outputs(image, **made, **extras)))
     names = Counter(path for job in jobs for path in job.outputs.every())
     if twice := next((path for path, count in names.items() if count > 1), None):
@@ -189,7 +187,7 @@ def state_of(job: Job) -> tuple[str, str]:
 
 
 def run_batch(
-    order: Order, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
+    order: BatchConfig, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
     overwrite: bool = False, dry_run: bool = False, done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
     """Remove glint from many scenes and return the outcome of each, in the order of `scenes`.
@@ -229,7 +227,7 @@ def run_batch(
 
 
 def _run_jobs(
-    todo: Mapping[int, Job], order: Order, count: int, threads: int, ended: Callable[[int, Outcome], None]
+    todo: Mapping[int, Job], order: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
     """Run jobs on `count` processes, `threads` threads each; call `ended` with key in `todo` and outcome of each."""
     workers = [_Worker(order, threads) for _ in range(count)]
@@ -258,7 +256,7 @@ def _run_jobs(
 class _Worker:
     """A worker process that runs one job after the other; if it has crashed, the next job starts a new process."""
 
-    def __init__(self, order: Order, threads: int) -> None:
+    def __init__(self, order: BatchConfig, threads: int) -> None:
         self._order, self._threads = order, threads
         self.start()
 
@@ -288,7 +286,7 @@ class _Worker:
         return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=seconds)
 
 
-def _serve(line: Any, order: Order, threads: int, talks: bool) -> None:
+def _serve(line: Any, order: BatchConfig, threads: int, talks: bool) -> None:
     """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
 
     `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, the
@@ -312,7 +310,7 @@ def _watch_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _do(job: Job, order: Order, threads: int) -> Outcome:
+def _do(job: Job, order: BatchConfig, threads: int) -> Outcome:
     try:
         result = remove_glint(job.scene.source, job.outputs, order.recipe, **order.opening, threads=threads)
     except NoWaterError as error:

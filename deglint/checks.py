@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin, get_type
 from .errors import InputError
 
 Args = ParamSpec("Args")
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 
 def nearest(word: str, known: list[str]) -> str:
@@ -26,18 +26,18 @@ def nearest(word: str, known: list[str]) -> str:
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
-def checked_keywords(*more: str) -> Callable[[Callable[Args, Result]], Callable[Args, Result]]:
+def checked_keywords(*more: str) -> Callable[[Callable[Args, T]], Callable[Args, T]]:
     """Decorate a function so that an unknown keyword raises TypeError, which suggests the closest known keyword.
 
     `more` are keywords that the function accepts through ``**``.
     """
 
-    def decorate(function: Callable[Args, Result]) -> Callable[Args, Result]:
+    def decorate(function: Callable[Args, T]) -> Callable[Args, T]:
         parameters = inspect.signature(function).parameters.values()
         known = [p.name for p in parameters if p.name != "self" and p.kind is not p.VAR_KEYWORD] + list(more)
 
         @wraps(function)
-        def call(*args: Args.args, **kwargs: Args.kwargs) -> Result:
+        def call(*args: Args.args, **kwargs: Args.kwargs) -> T:
             if unknown := kwargs.keys() - {*known}:
                 word, name = min(unknown), function.__qualname__.removesuffix(".__init__")
                 hint = nearest(word, known) or f"; it takes {', '.join(known)}."

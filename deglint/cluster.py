@@ -93,6 +93,16 @@ class Cluster:
         return {"workers": len(held), "most_memory_of_one_MB": round(max(held, default=0) / 1e6, 1)}
 
 
+def check_cluster(address: str | None, workers: int | None, memory: str) -> None:
+    """Raise InputError for arguments of `connect` that are malformed; nothing is connected or started."""
+    if (address is None) == (workers is None) or (workers is not None and workers < 1):
+        raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
+    if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
+        raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
+    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
+        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
+
+
 @contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
     """Connect to a cluster, or start a local one within the `with` block.
@@ -115,12 +125,7 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     >>> with connect(workers=4) as cluster:  # doctest: +SKIP
     ...     remove_glint("scene.tif", "clean.tif", cluster=cluster)
     """
-    if (address is None) == (workers is None) or (workers is not None and workers < 1):
-        raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
-    if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):
-        raise InputError(f"memory of a worker: want a number and its unit, such as 1GiB or 800MB, got {memory!r}.")
-    if address is not None and not re.fullmatch(r"\w+://\S+:\d+", address):
-        raise InputError(f"the address of a cluster looks like tcp://HOST:PORT, got {address!r}.")
+    check_cluster(address, workers, memory)
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:

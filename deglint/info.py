@@ -37,7 +37,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         band, suggested method and reason, candidates, notes. Unknown values are None; "notes" and "reason" say why.
     """
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
-    recipe, threads = recipe or Recipe(), threads or tiling.default_threads()
+    recipe, threads = recipe or Recipe(), tiling.default_threads(threads)
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(nir=8).")
     scene = settled(scene)
     out = _header(scene)
@@ -71,7 +71,7 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         out["water_fraction"] = fitted.water.water_fraction
     if fitted.sampled:
         out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
-    out["suggested_method"], out["reason"] = fitted.model.method, "as it was asked for"
+    out["suggested_method"], out["reason"] = fitted.model.method, "selected explicitly"
     if (choice := fitted.choice) is not None:
         copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()

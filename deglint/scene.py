@@ -7,6 +7,7 @@ physical units (scale and offset applied), with NaN where a pixel is not valid. 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any, Protocol
 
 import numpy as np
@@ -174,7 +175,7 @@ class Scene:
         if isinstance(band, str):
             if (wanted := band.strip().casefold()) in names:
                 return names.index(wanted)
-        elif 0 <= band < len(self.bands):
+        elif isinstance(band, Integral) and 0 <= band < len(self.bands):
             return int(band)
         raise BandError(f"no band {band!r} in {self.path or 'the scene'}; it has {self.describe_bands()}")
 

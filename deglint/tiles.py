@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, TypeVar
 
+from .checks import check_number
 from .moments import CELL
 from .scene import Window
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 Run = Callable[..., Iterator[tuple[Any, Any]]]  # type of functions that run work on tiles, as `run` does
 SAMPLES = 4 << 20  # usual number of values (pixels times bands) in a tile
 MOST_SAMPLES = 32 << 20  # most values in a tile, where the file has large blocks
@@ -136,8 +137,11 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))
 
 
-def default_threads() -> int:
-    """Number of processors that this process may use."""
+def default_threads(threads: int | None = None) -> int:
+    """`threads`, by default the number of processors that this process may use; InputError unless it is 1 to 1024."""
+    if threads is not None:
+        check_number(threads, 1, 1024, "threads")
+        return threads
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -147,9 +151,9 @@ def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
 
 
 def run(
-    everything: Sequence[Tile], work: Callable[[Tile], Result], *, threads: int = 1,
+    everything: Sequence[Tile], work: Callable[[Tile], T], *, threads: int = 1,
     progress: Callable[[int, int], None] | None = None, start: Callable[[], None] | None = None,
-) -> Iterator[tuple[Tile, Result]]:  # fmt: skip
+) -> Iterator[tuple[Tile, T]]:  # fmt: skip
     """Call `work` on every tile and yield (tile, result) in order; at most threads + 1 tiles are pending at a time.
 
     Each thread calls `start` before its first tile. `progress` is called with the numbers of finished and of all tiles.
@@ -157,7 +161,7 @@ def run(
     """
     total = len(everything)
     with ThreadPoolExecutor(threads, thread_name_prefix="deglint", initializer=start) as pool:
-        waiting: deque[tuple[Tile, Future[Result]]] = deque()
+        waiting: deque[tuple[Tile, Future[T]]] = deque()
         todo = iter(everything)
         try:
             for done in range(total):
@@ -174,7 +178,7 @@ def run(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], Result]) -> Iterator[Result]:
+def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], T]) -> Iterator[T]:
     """Yield the combined results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
 
     `combine` gets the list of results of a row. Its calls do not depend on the number of threads or workers.

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import tiles as tiling
-from .checks import checked_keywords
+from .checks import check_kind, checked_keywords
 from .compensate import Chain
 from .errors import DeglintError, FitError, InputError, NoWaterError
 from .pipeline import Fitted, Recipe, fit_scene
@@ -80,7 +80,7 @@ def fit(
 
 @checked_keywords("sensor", "nodata")
 def apply(
-    array: Any, fitted: Fitted | GlintModel, *, mask: str = "auto", chain: Chain | None = None,
+    array: Any, fitted: Fitted | GlintModel, *, mask: str | None = None, chain: Chain | None = None,
     dtype: str | None = None, threads: int | None = None, **reading: Any,
 ) -> Any:  # fmt: skip
     """Correct a DataArray with a fitted recipe or model; the result for a lazy array is lazy.
@@ -91,8 +91,8 @@ def apply(
     fitted : Fitted or GlintModel
         The result of `fit`; or a model alone, from this scene or another. With a model alone and `mask` "auto", pixels
         of a lazy array are computed now, to find water.
-    mask : str
-        With a model alone: the pixels to correct, as in `Recipe`.
+    mask : str, optional
+        The pixels to correct, as in `Recipe`; by default those of the fit, or "auto" with a model alone.
     chain : Chain, optional
         With a model alone: the compensation that was fitted with it.
     dtype : str, optional
@@ -111,30 +111,32 @@ def apply(
         The bands do not match the fit, an argument is not allowed, or there is no water; DeglintError without xarray.
     """
     need_xarray()
-    opened = open_array(array, **reading)
+    opened, threads = open_array(array, **reading), default_threads(threads)
     if isinstance(fitted, GlintModel):
-        if mask == "auto":  # else nothing is computed yet
+        recipe = Recipe() if mask is None else Recipe(mask=mask)
+        if recipe.mask == "auto":  # else nothing is computed yet
             opened = replace(opened, scene=settled(opened.scene))
-        fitted = given_model(opened.scene, Recipe(mask=mask), fitted, threads or default_threads(), chain)
-    elif opened.scene.names != fitted.model.band_names[: len(opened.scene.bands)]:
-        raise InputError(
-            f"fitted to bands {', '.join(fitted.model.band_names)}; the array has {', '.join(opened.scene.names)}. "
-            "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
-        )
+        fitted = given_model(opened.scene, recipe, fitted, threads, chain)
     else:
+        check_kind(fitted, Fitted, "fitted", "Make it with deglint.xr.fit, or give a GlintModel.")
+        if opened.scene.names != fitted.model.band_names:
+            raise InputError(
+                f"fitted to bands {', '.join(fitted.model.band_names)}; the array has {', '.join(opened.scene.names)}. "
+                "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
+            )
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
     scene, info = opened.scene, raster_of(opened.scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
-    work = correction(scene, fitted, dtype=dtype)
+    work = correction(scene, fitted, mask=mask, dtype=dtype)
     nodata = work.layout.nodata if info.nodata is not None else None  # each band keeps its own
     work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
     every = (len(scene.bands), np.dtype(work.layout.dtype))
     step = CHAIN_CELL if work.by_cells else 1
-    return opened.like(over_tiles(opened, partial(_corrected, work), work.halo, every, step=step, threads=threads))
+    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
 
 
-def _corrected(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
+def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
     return replace(work, scene=scene)(tile).raw
 
 
@@ -275,7 +277,7 @@ def over_tiles(
     block = max(step, tiling.COMPACT) // step * step
     out = np.empty((like[0], scene.height, scene.width), like[1])
     every = tiling.tiles(scene.height, scene.width, (block, block))
-    threads = tiling.affordable(threads or default_threads(), (block, block), 3 * len(scene.bands))
+    threads = tiling.affordable(default_threads(threads), (block, block), 3 * len(scene.bands))
     for tile, done in tiling.run(every, partial(work, scene), threads=threads, start=enter_thread):
         out[tile.within(Tile(0, scene.height, 0, scene.width))] = done
     return out

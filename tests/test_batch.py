@@ -14,6 +14,7 @@ import pytest
 from deglint import remove_glint
 from deglint.batch import jobs_of, read_order, run_batch, state_of
 from deglint.errors import InputError, ReadError, WriteError
+from deglint.pipeline.outputs import BESIDE
 from deglint.raster.targets import claimed
 from deglint.readers.scenes import ListedScene, list_scenes
 
@@ -151,18 +152,25 @@ def test_a_dry_run_does_nothing(deglint, place):
 
 @pytest.mark.slow
 def test_extras_go_where_their_names_say(deglint, place):
-    extras = '["flags", "amount", "picture", "sample", "model"]'
+    extras = '["flags", "amount", "stderr", "picture", "sample", "model"]'
     (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras=extras))
     (place / "in" / "b.tif").unlink()
     (place / "in" / "c.tif").unlink()
     batch(deglint, place)
     assert set(made(place)) == {
         "a_clean.tif", "a_clean.tif.json", "a_clean_flags.tif", "a_clean_amount.tif", "a_clean_picture.png",
+        "a_clean_stderr.tif",
         "a_clean_sample.geojson", "a_clean_model.json", "a_clean_flags.tif.aux.xml",
     }  # fmt: skip
     (place / "out" / "a_clean_flags.tif").unlink()  # as if the run had been killed between two moves
     rows, _ = batch(deglint, place)
     assert [r["status"] for r in rows.values()] == ["done"]
+
+
+def test_every_optional_output_is_an_extra(place):
+    (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras=json.dumps([*BESIDE])))
+    job, *_ = jobs_of(read_order(str(place / "r.toml")), list_scenes([str(place / "in" / "a.tif")]))
+    assert all(getattr(job.outputs, name).stem == f"a_clean_{name}" for name in BESIDE)
 
 
 def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):

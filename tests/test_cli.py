@@ -44,7 +44,7 @@ def test_starting_loads_no_heavy_package(code, needed):
 
 
 def test_the_choices_of_the_command_line_are_the_tables():
-    choices = {p.name: p.type.choices for p in command.remove.params if isinstance(p.type, options.AutoOr)}
+    choices = {p.name: p.type.choices for p in command.remove.params if isinstance(p.type, options.ChoiceFromTable)}
     assert choices == {"method": ("auto", *METHODS), "regression": ("auto", *REGRESSIONS)}
 
 
@@ -132,6 +132,9 @@ def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write
         (["--co", "=ZSTD"], ["NAME=VALUE"]),
         (["--frobnicate"], ["No such option"]),
         (["--model", "m.json", "--method", "hedley"], ["leave out --method"]),
+        (["--model", "m.json", "--compensate", "thesis", "--nir-use", "best"], ["leave out --nir-use, --compensate"]),
+        (["--model", "m.json", "--floor-percentile", "5"], ["leave out --floor-percentile."]),
+        (["--model", "m.json", "--rrs-factor", "2", "--smallest-object", "3m"], ["--rrs-factor, --smallest-object"]),
     ],
 )
 def test_usage_is_2_and_lists_the_choices(deglint, sea, write, tmp_path, arguments, said):

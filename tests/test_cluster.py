@@ -213,6 +213,16 @@ def test_the_memory_of_a_worker_is_a_size(deglint, scene):
     assert "such as 1GiB" in ran.err
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(("--cluster", "foo"), "tcp://HOST:PORT"), (("--workers", "2", "--worker-memory", "3zz"), "such as 1GiB")],
+)
+def test_a_dry_run_checks_the_cluster_and_starts_none(deglint, scene, monkeypatch, options, said):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert said in deglint("remove", scene, "out.tif", *RUN, *options, "--dry-run").err
+    assert deglint("remove", scene, "out.tif", *RUN, "--workers", "2", "--dry-run").code == 0
+
+
 def test_a_cluster_is_named_in_one_way():
     with pytest.raises(InputError, match="one of the two"), connect():
         pass

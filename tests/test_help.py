@@ -2,7 +2,9 @@
 
 import json
 
+import numpy as np
 import pytest
+import rasterio
 
 from deglint import cli
 from detect import cli as detect_cli
@@ -64,6 +66,35 @@ def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["in.tif"]
     (tmp_path / "out.tif").touch()
     assert "--overwrite" in deglint(*call).err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--compensate", "remove, identify-level:9, replace-level", "--stderr", "s.tif"), "--stderr needs a comp"),
+        (("--model", "m.json", "--save-sample", "s.geojson"), "was not fitted to a sample here"),
+    ],
+)
+def test_a_dry_run_refuses_what_the_run_refuses(deglint, sea, write, tmp_path, monkeypatch, options, said):
+    monkeypatch.chdir(tmp_path)
+    call = ("remove", write(tmp_path / "in.tif", sea()), "out.tif")
+    assert deglint(*call, *PLAIN, "--save-model", "m.json").code == 0
+    fit = () if "--model" in options else PLAIN
+    for dry in ((), ("--dry-run",)):
+        ran = deglint(*call, *fit, *options, "--overwrite", *dry)
+        assert (ran.code, ran.err.count("\n")) == (1, 1)
+        assert said in ran.err
+
+
+@pytest.mark.parametrize("options", [("--compensate", "thesis", "--amount"), ("--stderr",)])
+def test_a_dry_run_counts_the_bands_of_each_output(deglint, sea, write, tmp_path, monkeypatch, options):
+    monkeypatch.chdir(tmp_path)
+    call = ("remove", write(tmp_path / "in.tif", sea()), "out.tif", *PLAIN, *options, "more.tif")
+    sizes = json.loads(deglint(*call, "--dry-run", "--json", "-q").out)["files"]
+    assert deglint(*call).code == 0
+    for name in ("out.tif", "more.tif"):
+        with rasterio.open(name) as made:
+            assert sizes[name] == made.count * made.width * made.height * np.dtype(made.dtypes[0]).itemsize
 
 
 def test_a_dry_run_of_a_batch_counts_bytes(deglint, sea, write, tmp_path):

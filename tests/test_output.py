@@ -258,7 +258,7 @@ def test_the_sidecar_says_everything(deglint, sea, write, tmp_path):
         assert 0 < fit["r2"] <= 1
         assert fit["n"] > 0
     assert said["pixels"]["total"] == said["pixels"]["corrected"] == 8000
-    assert said["skipped"]["water mask"].startswith("not asked for")
+    assert said["skipped"]["water mask"].startswith("not searched for")
     assert said["skipped"]["nir"] == "glint reference: copied"
     assert said["warnings"] == []
     assert said["seconds"] > 0

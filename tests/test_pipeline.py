@@ -54,6 +54,18 @@ def test_any_size(sea, write, read, tmp_path, size, layout):
         assert result.fitted.model.fits[0].n == raw[3].size
 
 
+def test_a_given_model_refuses_options_that_it_does_not_use(sea, write, tmp_path):
+    source = write(tmp_path / "in.tif", sea())
+    model = fit_scene(open_scene(source), HEDLEY).model
+    for options, names in (({"method": "joyce", "nir_use": "best"}, "--method, --nir-use"),
+                           ({"method": "joyce", "tolerance": 0.1}, "--method, --tolerance"),
+                           ({"compensate": "thesis"}, "--compensate"), ({"sample": "all"}, "--sample")):  # fmt: skip
+        with pytest.raises(InputError, match=f"leave out {names}.$"):
+            remove_glint(source, tmp_path / "out.tif", Recipe(**options), model=model)
+    used = Recipe(mask="none", nir=("nir",), bands=("blue",), compensate="off")
+    assert remove_glint(source, tmp_path / "out.tif", used, model=model).changed == ("blue",)
+
+
 def test_a_scene_too_small_for_a_fit_says_so(deglint, sea, write, tmp_path):
     ran = deglint("remove", write(tmp_path / "in.tif", sea(1, 1)), tmp_path / "out.tif", *RUN)
     assert ran.code == 1

@@ -12,6 +12,7 @@ import rasterio
 from rasterio.warp import transform
 
 from deglint.cli import plan as command
+from deglint.cli.options import ChoiceFromTable
 from deglint.physics import sky, slopes
 from deglint.physics.presets import PRESETS
 from deglint.plan.mission import WATERS
@@ -21,10 +22,8 @@ WIND = ("--wind", "7@310")
 
 
 def test_names_in_help_are_those_there_are():
-    assert tuple(PRESETS) == command.SENSOR_NAMES
-    assert sky.SKY_MODELS == command.SKY_NAMES
-    assert tuple(slopes.MODELS) == command.SLOPE_NAMES
-    assert WATERS == command.WATER_NAMES
+    choices = {p.name: p.type.choices for p in command.plan.params if isinstance(p.type, ChoiceFromTable)}
+    assert choices == {"slopes": tuple(slopes.MODELS), "sky": sky.SKY_MODELS, "sensor": tuple(PRESETS), "water": WATERS}
 
 
 def test_the_command_of_the_readme(deglint, tmp_path):
@@ -90,7 +89,7 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
         ((*PLACE, "--wind", "30@0"), 1, "wind must be 0.1 to 19.6 m/s, got 30"),
         ((*PLACE, "--wind", "fast"), 2, "'fast' is not like 7@310"),
         ((*PLACE, "--depth", "-2"), 1, "depth must be 0 to 1000 m, got -2. Give metres below the surface"),
-        ((*PLACE, "--sensor", "hubble"), 1, "preset must be one of thesis, thesis-f30, worldview3"),
+        ((*PLACE, "--sensor", "hubble"), 2, "'hubble' is not one of 'thesis', 'thesis-f30', 'worldview3'"),
         ((*PLACE, "--show", "purple"), 1, "no band 'purple' in thesis; it has COASTAL"),
         ((*PLACE, "--band", "BLUE,PURPLE"), 1, "no band 'PURPLE'"),
         ((*PLACE, "--pressure", "30 inches"), 1, "pressure must be like 1013 hPa"),
@@ -99,6 +98,11 @@ def test_without_xarray_netcdf_names_the_extra(deglint, tmp_path, monkeypatch):
         (("--lat", "136", "--lon", "0"), 1, "latitude must be -90 to 90 degrees, got 136"),
         (("--lat", "0", "--lon", "0", "--time", "noon"), 1, "time must be like 2026-06-21T18:00Z, got 'noon'"),
         ((*PLACE, "--sun", "20@30"), 2, "give --sun, or place and time, not both"),
+        (("--sun", "20@30", "--lon", "5"), 2, "give --sun, or place and time, not both"),
+        (("--sun", "20@30", "--pitch", "10"), 2, "--pitch is for --fov: leave it out, or give --fov"),
+        ((*PLACE, "--altitude", "99"), 2, "--altitude is for --fov"),
+        ((*PLACE, "--port", "1"), 2, "--port is for --serve"),
+        ((*PLACE, "--fov", "40", "--no-browser"), 2, "--no-browser is for --serve"),
         (("--sun", "20"), 2, "--sun needs zenith angle and azimuth"),
         (("--mission", "nowhere.toml"), 1, "no such file: nowhere.toml"),
         ((*PLACE, "-o", "plan.docx"), 1, "plan.docx must end in one of .png, .json, .nc, .tif"),

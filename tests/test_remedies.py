@@ -179,6 +179,10 @@ def test_what_was_fitted_and_what_is_corrected_agree_in_memory(sea, write, tmp_p
     scene = sea(80, 100)
     scene[:, :10] = 0
     opened = open_scene(write(tmp_path / "in.tif", scene))
-    clean = correct(opened, fit_scene(opened, Recipe(method="hedley", compensate="off")))
+    fitted = fit_scene(opened, Recipe(method="hedley", compensate="off"))
+    clean = correct(opened, fitted)
     assert np.isnan(clean[:, :10]).all()
     assert np.isfinite(clean[:, 10:]).all()
+    part = correct(opened, fitted, mask=(20, 30, 10, 10))
+    np.testing.assert_array_equal(part, correct(opened, fitted, mask="20,30,10,10"))
+    assert np.argwhere((part != scene)[0, 10:]).min(axis=0).tolist() == [20, 20]

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from deglint.cli.options import ChoiceFromTable
 from deglint.errors import InputError, WriteError
 from deglint.physics import glint, sky, slopes, waves
 from deglint.physics.atmosphere import Air
@@ -464,12 +465,10 @@ def test_command_writes_one_scene(tmp_path):
 def test_help_names_what_there_is():
     from importlib import import_module
 
-    command = import_module("deglint.cli.simulate")
-    assert tuple(PRESETS) == command.SENSOR_NAMES
-    assert sky.SKY_MODELS == command.SKY_NAMES
-    assert get_args(Kernel) == command.KERNEL_NAMES
-    assert get_args(SlopeModel) == command.SIMULATED_SLOPES
-    assert get_args(waves.Spectrum) == command.SPECTRUM_NAMES
+    params = import_module("deglint.cli.simulate").simulate.params
+    choices = {p.name: p.type.choices for p in params if isinstance(p.type, ChoiceFromTable)}
+    assert choices == {"preset": tuple(PRESETS), "sky": sky.SKY_MODELS, "resampling": get_args(Kernel),
+                       "slopes": get_args(SlopeModel), "spectrum": get_args(waves.Spectrum)}  # fmt: skip
 
 
 @pytest.mark.slow
@@ -483,3 +482,19 @@ def test_a_grid_of_experiments_makes_its_directory(tmp_path):
     assert len(setups) == 20  # two winds, five looks, two f-numbers
     assert {s["wind"]: s["foam"] for s in setups} == {wind: whitecaps(wind) for wind in (5.0, 12.0)}
     assert run(["simulate", "--grid", "--size", "32", "-q", str(tmp_path / "no" / "where")]) == 1
+
+
+def test_the_command_takes_the_processors_of_its_process(monkeypatch, tmp_path):
+    from deglint.cli import run
+
+    seen = []
+
+    def make(_setup, *, workers, **_options):
+        seen.append(workers)
+        raise InputError("enough")
+
+    monkeypatch.setattr("os.cpu_count", lambda: 64)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _process: {0, 1, 2}, raising=False)
+    monkeypatch.setattr("deglint.simulate.simulate", make)
+    assert run(["simulate", str(tmp_path / "sea"), "-q"]) == 1
+    assert seen == [3]

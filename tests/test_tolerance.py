@@ -190,6 +190,9 @@ def test_error_of_several_references_against_brute_force(factor):
         ({"tolerance": float("nan")}, "a number from 0 to 1, got nan"),
         ({"tolerance": "0.1"}, "a number from 0 to 1"),
         ({"tolerance": 0.1, "method": "hochberg"}, "hochberg fits no slopes"),
+        ({"tolerance": 0.1, "compensate": "off"}, "name a --method"),
+        ({"regression": "huber"}, "auto fits no slopes by regression"),
+        ({"smallest_object": "abc"}, "'abc' is not a width such as 4m"),
         ({"tolerance": 0.1, "method": "joyce", "regression": "huber"}, "huber looks at a part of the sample"),
     ],
 )

@@ -451,6 +451,28 @@ def test_a_declared_transform_without_inverse_is_none(sea):
     assert open_array(given.drop_vars(["x", "y"])).scene.transform is None
 
 
+def test_what_does_not_match_the_fit_is_said(sea):
+    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    fitted = deglint.xr.fit(array, HEDLEY)
+    with pytest.raises(InputError, match="fitted to bands blue, green, red, nir; the array has blue, green, red"):
+        deglint.xr.apply(array[:3], fitted)
+    with pytest.raises(InputError, match="fitted: want a Fitted, got 'hedley'"):
+        deglint.xr.apply(array, "hedley")
+    for fit in (fitted, fitted.model):
+        with pytest.raises(InputError, match="threads: want a number from 1"):
+            deglint.xr.apply(array, fit, threads=-1)
+
+
+def test_a_mask_wins_over_that_of_the_fit(sea):
+    array = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
+    fitted = deglint.xr.fit(array, HEDLEY)
+    expected = array.copy()
+    expected[:, 5:15, 3:23] = deglint.xr.apply(array, fitted)[:, 5:15, 3:23]
+    for fit in (fitted, fitted.model):
+        for mask in ("3,5,20,10", (3, 5, 20, 10)):
+            np.testing.assert_array_equal(deglint.xr.apply(array, fit, mask=mask), expected)
+
+
 def test_what_cannot_be_used_is_said(sea):
     given = xarray.DataArray(sea(), dims=("band", "y", "x"), coords={"band": list(BANDS)})
     with pytest.raises(InputError, match=r"one at a time, such as array\.isel\(time=0\)"):

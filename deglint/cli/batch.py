@@ -70,7 +70,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     [output]
     directory = "clean"
     name = "{name}_deglinted.tif"
-    extras = ["flags"]            # flags, amount, picture, sample, model
+    extras = ["flags"]            # flags, amount, stderr, sample, model, picture
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """  # fmt: skip

@@ -4,7 +4,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, get_args
 
 import click
 from click.shell_completion import CompletionItem
@@ -13,9 +13,6 @@ from .running import BoldContext
 
 log = logging.getLogger(__name__)
 SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}  # click settings of a command
-# names for --help, which loads neither the simulator nor the planner; tests compare them with the real names
-SENSOR_NAMES = ("thesis", "thesis-f30", "worldview3", "micasense", "sentinel2")
-SKY_NAMES = ("uniform", "cardioidal", "harrison-coombes")
 
 
 class Grouped(click.Command):
@@ -45,16 +42,21 @@ def heading(text: str) -> Callable[[Any], Any]:
     return decorate
 
 
-class AutoOr(click.Choice[str]):
-    """Type of option values: one of `words`, or a key of the dictionary `table` in `module`, imported when needed."""
+class ChoiceFromTable(click.Choice[str]):
+    """Type of option values: `words`, and those of `table` (dict, tuple, Literal) in `module`, imported when needed."""
 
-    def __init__(self, table: str, module: str = "deglint.remove", words: tuple[str, ...] = ("auto",)) -> None:
+    def __init__(self, table: str, module: str, *words: str) -> None:
         self._table, self._module, self._words, self.case_sensitive = table, module, words, True
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
         """All allowed values of the option."""
-        return (*self._words, *getattr(import_module(self._module), self._table))
+        table = getattr(import_module(self._module), self._table)
+        return (*self._words, *(get_args(table) or table))
+
+
+PRESETS = ChoiceFromTable("PRESETS", "deglint.physics.presets")
+SKIES = ChoiceFromTable("SKY_MODELS", "deglint.physics.sky")
 
 
 class FileName(click.Path):
@@ -185,7 +187,10 @@ def needs_output(inputs: Sequence[str], output: str, command: str) -> None:
 
 @contextlib.contextmanager
 def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
-    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end."""
+    """Provide the Dask cluster that the options select, or None; conflicts are a UsageError. Logs memory at the end.
+
+    For a dry run, the options are checked, and None is provided.
+    """
     if given["worker_memory"] and given["workers"] is None:
         raise click.UsageError("--worker-memory limits the processes that --workers starts: give that, too.")
     if given["cluster"] is None and given["workers"] is None:
@@ -195,8 +200,13 @@ def cluster_of(given: dict[str, Any]) -> Iterator[Any]:
         raise click.UsageError("--threads are this process's own: leave it out with --cluster and --workers.")
     if given["cluster"] is not None and given["workers"] is not None:
         raise click.UsageError("--workers starts a cluster of its own: leave it out with --cluster.")
-    from ..cluster import connect
+    from ..cluster import check_cluster, connect
 
-    with connect(given["cluster"], workers=given["workers"], memory=given["worker_memory"] or "auto") as cluster:
+    address, workers, memory = given["cluster"], given["workers"], given["worker_memory"] or "auto"
+    if given.get("dry_run"):
+        check_cluster(address, workers, memory)
+        yield None
+        return
+    with connect(address, workers=workers, memory=memory) as cluster:
         yield cluster
         log.info("%d workers, each held at most %.0f MB", *cluster.numbers().values())

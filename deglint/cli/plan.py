@@ -8,13 +8,12 @@ from typing import Any
 
 import click
 
-from .options import FILE, SENSOR_NAMES, SKY_NAMES, Grouped, heading, parsed, with_options
+from .options import FILE, PRESETS, SKIES, ChoiceFromTable, Grouped, heading, parsed, with_options
 
 log = logging.getLogger(__name__)
 
-# Names for --help, which does not load the planner; a test compares them with the real names.
-SLOPE_NAMES = ("cox-munk", "cox-munk-gaussian", "cox-munk-isotropic", "breon-henriot")
-WATER_NAMES = ("scattering", "absorption")
+SLOPES = ChoiceFromTable("MODELS", "deglint.physics.slopes")
+WATERS = ChoiceFromTable("WATERS", "deglint.plan.mission")
 
 
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
@@ -67,18 +66,17 @@ plan_options = with_options(
     number("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
     number("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
     click.option("--pressure", metavar="HPA", help="Air pressure, or with its unit, 29.9inHg; 1013.25 by default."),
-    click.option("--slopes", type=click.Choice(SLOPE_NAMES), help="Model of the slopes of waves; cox-munk by default."),
-    click.option("--sky", type=click.Choice(SKY_NAMES),
-                 help="Model of the sky; harrison-coombes, the clear sky, by default."),
+    click.option("--slopes", type=SLOPES, help="Model of the slopes of waves; cox-munk by default."),
+    click.option("--sky", type=SKIES, help="Model of the sky; harrison-coombes, the clear sky, by default."),
     heading("Target, water and sensor"),
     number("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
     number("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
     number("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
     number("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
     number("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    click.option("--sensor", metavar="NAME", help=f"Sensor: {', '.join(SENSOR_NAMES)}; thesis by default."),
+    click.option("--sensor", type=PRESETS, help="Sensor; thesis by default."),
     click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
-    click.option("--water", type=click.Choice(WATER_NAMES), help="Water scatters (default), or only absorbs."),
+    click.option("--water", type=WATERS, help="Water scatters (default), or only absorbs."),
     heading("What is excluded"),
     number("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
     number("--max-glint-probability", "limits.glint_probability", "SHARE",
@@ -99,13 +97,12 @@ plan_options = with_options(
                  help="The wind is known to plus or minus this: intervals, and what is good under all of them."),
     heading("Which way to fly"),
     click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
-    click.option("--altitude", type=float, default=300.0, metavar="M",
-                 help="--fov: altitude above the sea; 300 by default."),
-    click.option("--pitch", type=float, default=0.0, metavar="DEG", help="--fov: the sensor looks forward by this,"),
-    click.option("--roll", type=float, default=0.0, metavar="DEG", help="and to the right by this."),
+    click.option("--altitude", type=float, metavar="M", help="--fov: altitude above the sea; 300 by default."),
+    click.option("--pitch", type=float, metavar="DEG", help="--fov: the sensor looks forward by this,"),
+    click.option("--roll", type=float, metavar="DEG", help="and to the right by this."),
     heading("A page with sliders"),
     click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
-    click.option("--port", type=click.IntRange(0, 65535), default=8765, metavar="N",
+    click.option("--port", type=click.IntRange(0, 65535), metavar="N",
                  help="--serve: 8765 by default; 0 takes a free one."),
     click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
     heading("Output"),
@@ -161,7 +158,7 @@ def _tables(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
         from ..readers.areas import middle_of
 
         given = given | dict(zip(("lat", "lon"), middle_of(given["place"]), strict=True))
-    if given["sun"] and (given["lat"] is not None or given["time"]):
+    if given["sun"] and any(given[name] is not None for name in ("lat", "lon", "time")):
         raise click.UsageError("give --sun, or place and time, not both.")
     if given["sun"] and len(given["sun"]) < 2:
         raise click.UsageError("--sun needs zenith angle and azimuth, such as 20.5@270.2.")

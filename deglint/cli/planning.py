@@ -18,6 +18,7 @@ from ..raster.simulated import write_files, write_plan
 from .running import Console
 
 log = logging.getLogger(__name__)
+PORT = 8765  # default of --port
 Given = dict[str, Any]  # options of the command by name
 Mode = Callable[[Given, Any, Console], None]
 """Function of the options, the mission and the console: it computes a plan, writes its files and prints it."""
@@ -39,6 +40,9 @@ def mode_of(given: Given) -> Mode:
         raise click.UsageError("a sweep over time needs both --from and --to.")
     if mode is over_time and given["time"]:
         raise click.UsageError("give --time, or --from and --to, not both.")
+    for name, own in {"--fov": ("altitude", "pitch", "roll"), "--serve": ("port", "no_browser")}.items():
+        if asked[name] is None and (idle := [option for option in own if given[option] not in (None, False)]):
+            raise click.UsageError(f"--{idle[0].replace('_', '-')} is for {name}: leave it out, or give {name}.")
     if mode is not one_reticle and given["show"]:
         raise click.UsageError("--show is for one reticle: leave it out here.")
     if mode is page and (given["outs"] or given["as_json"]):
@@ -107,7 +111,8 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
         angles = {"across": float(across), "along": float(along or 0.0)}
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
-    view = swath.FieldOfView(**angles, altitude=given["altitude"], pitch=given["pitch"], roll=given["roll"])
+    angles |= {name: given[name] for name in ("altitude", "pitch", "roll") if given[name] is not None}
+    view = swath.FieldOfView(**angles)
     found = swath.Line(mission, view)
     others = swath.alternatives(mission, found)
     said = swath.words(found, others)
@@ -120,7 +125,8 @@ def page(given: Given, mission: Any, _console: Console) -> None:
 
     if mission.moment is not None and not given["time"]:
         log.info("the page starts at %sZ; without --time that is in the next daylight.", mission.moment)
-    serve(mission, port=given["port"], say=log.info, browser=not given["no_browser"])
+    port = PORT if given["port"] is None else given["port"]
+    serve(mission, port=port, say=log.info, browser=not given["no_browser"])
 
 
 def _finish(given: Given, picture: Callable[[], Any], numbers: Mapping[str, Any], lines: list[str]) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .options import FILE, AutoOr, FileName, heading, opening
+from .options import FILE, ChoiceFromTable, FileName, heading, opening
 from .running import Console
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 remove_options = options.with_options(
     heading("What to do"),
-    click.option("--method", type=AutoOr("METHODS"), default="auto",
+    click.option("--method", type=ChoiceFromTable("METHODS", "deglint.remove", "auto"), default="auto",
                  help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
     click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
                  help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
@@ -44,7 +44,7 @@ remove_options = options.with_options(
     click.option("--model", "model_in", type=FILE, metavar="FILE",
                  help="Apply this saved model instead of fitting one."),
     heading("Details of the fit"),
-    click.option("--regression", type=AutoOr("REGRESSIONS"), default="auto",
+    click.option("--regression", type=ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto"), default="auto",
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
     click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
                  help="Stop reading the sample when the relative standard error of every slope is at most this, such "
@@ -104,74 +104,61 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
     """  # fmt: skip
     options.needs_output(inputs, output, "deglint remove")
-    saved = given["model_in"]
-    if saved and (given["tolerance"] or any(given[k] != "auto" for k in ("method", "sample", "regression"))):
-        raise click.UsageError(
-            "--model applies a fit that is there: leave out --method, --sample, --regression and --tolerance."
-        )
-    if given["dry_run"]:
-        with Console(given):
-            dry_run(inputs, output, given)
-        return
-    with Console(given) as console, options.cluster_of(given) as cluster:
-        from ..pipeline import load_chain, load_model, remove_glint
+    from ..pipeline import Outputs, Recipe, remove_glint
+    from ..pipeline.outputs import load_fit
+    from ..pipeline.recipe import unused_by_model
 
-        model, chain = (load_model(saved), load_chain(saved)) if saved else (None, None)
+    saved = given["model_in"]
+    if saved and (unused := unused_by_model(given)):
+        raise click.UsageError(f"--model applies a fit that is there: leave out {unused}.")
+    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
+    made = {"sample": given["save_sample"], "model": given["save_model"], "reads": [saved] if saved else []}
+    with Console(given) as console, options.cluster_of(given) as cluster:
+        targets = Outputs(Path(output), **made, **same)
+        recipe = Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
+        model, chain = load_fit(saved) if saved else (None, None)
+        if given["dry_run"]:
+            dry_run(inputs, targets, recipe, (model, chain), given, console)
+            return
         result = remove_glint(
-            list(inputs), outputs_of(output, given), recipe_of(given), model=model, chain=chain, **opening(given),
+            list(inputs), targets, recipe, model=model, chain=chain, **opening(given),
             grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
 
-def recipe_of(given: dict[str, Any]) -> Recipe:
-    """Make a recipe from the options of the command."""
-    from ..pipeline import Recipe
+def dry_run(
+    inputs: Sequence[str], targets: Outputs, recipe: Recipe, saved: Any, given: dict[str, Any], console: Console
+) -> None:
+    """Open the scene and fit the recipe, or take the model and chain `saved`; print the files that would be written.
 
-    return Recipe(**{f.name: given[f.name] for f in fields(Recipe) if given[f.name] is not None})
-
-
-def outputs_of(output: str, given: dict[str, Any]) -> Outputs:
-    """Make the `Outputs` of `remove_glint` from the name of the output and the options of the command."""
-    from ..pipeline import Outputs
-
-    same = {name: given[name] for name in ("flags", "amount", "stderr", "picture", "dtype", "options", "overwrite")}
-    reads = [given["model_in"]] if given["model_in"] else []
-    return Outputs(Path(output), sample=given["save_sample"], model=given["save_model"], reads=reads, **same)
-
-
-def dry_run(inputs: Sequence[str], output: str, given: dict[str, Any]) -> None:
-    """Open the scene, fit the recipe or read the model; print the files to write, and their size before compression."""
+    Their sizes are those before compression. Options that the run would refuse raise the same error.
+    """
     import numpy as np
 
-    from ..pipeline import fit_scene, load_chain, load_model
-    from ..pipeline.fit import given_model
-    from ..pipeline.run import check_outputs
+    from ..pipeline.run import Run, check_outputs, prepare
     from ..raster.environment import environment
     from ..raster.output import plain
     from ..readers import open_scene
+    from ..readers.undeclared import settled
     from ..tiles import default_threads
 
-    targets, used = outputs_of(output, given), recipe_of(given)
     with environment():
-        check_outputs(inputs, used, given["sensor"], targets)
-        scene = open_scene(list(inputs), **opening(given), grid=given["grid"])
-        begun = time.perf_counter()
-        if given["model_in"]:
-            saved, count = given["model_in"], given["threads"] or default_threads()
-            model = given_model(scene, used, load_model(saved), count, load_chain(saved)).model
-        else:
-            fitted = fit_scene(scene, used, threads=given["threads"])
-            model, used = fitted.model, fitted.recipe
-    took, pixels, bands = time.perf_counter() - begun, scene.height * scene.width, len(model.fits)
+        check_outputs(inputs, recipe, given["sensor"], targets)
+        scene = settled(open_scene(list(inputs), **opening(given), grid=given["grid"]))
+        run = Run(default_threads(given["threads"]), console.progress)
+        fitted, work = prepare(scene, recipe, targets, run, *saved)
+    used = recipe if given["model_in"] else fitted.recipe
+    took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
+    amount = 4 * pixels * len(work.amount_bands)  # float32
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
-                targets.amount: 4 * pixels * bands, targets.stderr: 4 * pixels * bands}  # fmt: skip
+                targets.amount: amount, targets.stderr: amount}  # fmt: skip
     # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
-    nir = [scene.names[b] for b in model.index_bands]
+    nir = [scene.names[b] for b in fitted.model.index_bands]
     about = {"input": list(inputs), "nir": nir, "read_bytes": data, "fit_seconds": took, "recipe": asdict(used)}
     if given["as_json"]:
         click.echo(json.dumps(plain({**about, "files": files}), indent=2))

@@ -2,24 +2,22 @@
 
 import json
 import logging
-import os
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from .options import SENSOR_NAMES, SETTINGS, SKY_NAMES, Grouped, heading, parsed, threads, with_options
+from .options import PRESETS, SETTINGS, SKIES, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
 
 log = logging.getLogger(__name__)
 
-# Names for --help, which does not load the simulator; a test compares them with the real names.
-KERNEL_NAMES = ("bilinear", "cubic", "lanczos")
+KERNELS = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
 """Size of a pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, glint mask, cover class."""
 LEAST_SIDE, MOST_SIDE = 8, 16384  # limits of the side of an image [pixel]
-SIMULATED_SLOPES = ("cox-munk", "cox-munk-gaussian")
-SPECTRUM_NAMES = ("elfouhaily", "jonswap", "pierson-moskowitz")
+SLOPES = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
+SPECTRA = ChoiceFromTable("Spectrum", "deglint.physics.waves")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -56,9 +54,9 @@ simulate_options = with_options(
     click.option("--sun-zenith", type=float, default=40.0, metavar="DEG", help="Angle of the sun from the zenith."),
     click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG", help="Azimuth of the sun."),
     click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
-    click.option("--sky", type=click.Choice(SKY_NAMES), default="cardioidal", help="Model of the sky."),
-    click.option("--spectrum", type=click.Choice(SPECTRUM_NAMES), default="elfouhaily", help="Spectrum of the waves."),
-    click.option("--slopes", type=click.Choice(SIMULATED_SLOPES), default="cox-munk",
+    click.option("--sky", type=SKIES, default="cardioidal", help="Model of the sky."),
+    click.option("--spectrum", type=SPECTRA, default="elfouhaily", help="Spectrum of the waves."),
+    click.option("--slopes", type=SLOPES, default="cox-munk",
                  help="Distribution of slopes that the mean glint follows."),
     click.option("--fetch", type=float, default=100e3, metavar="M",
                  help="For jonswap: distance that the wind has blown over water."),
@@ -77,7 +75,7 @@ simulate_options = with_options(
     click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     heading("Sensor"),
-    click.option("--preset", type=click.Choice(SENSOR_NAMES), default="thesis", help="Sensor."),
+    click.option("--preset", type=PRESETS, default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
                  help="Size of the image [pixel]."),
     click.option("--delay", type=float, multiple=True, metavar="S",
@@ -90,7 +88,7 @@ simulate_options = with_options(
     click.option("--misregistration", type=float, default=0.0, metavar="PIXELS",
                  help="Largest displacement of a band."),
     click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain."),
-    click.option("--resampling", type=click.Choice(KERNEL_NAMES), help="Interpolate the image from another grid."),
+    click.option("--resampling", type=KERNELS, help="Interpolate the image from another grid."),
     click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG."),
     heading("Output"),
     click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),
@@ -121,10 +119,11 @@ def simulate(out: Path, **given: Any) -> None:
     from ..raster.simulated import check_free, write_scene
     from ..raster.targets import make_directory
     from ..simulate import simulate as make
+    from ..tiles import default_threads
     from .running import Console
 
     written = []
-    setups = _setups(out, given)
+    setups, workers = _setups(out, given), default_threads(given["threads"])
     if given["dry_run"]:
         _announce(setups, given)
         return
@@ -139,7 +138,6 @@ def simulate(out: Path, **given: Any) -> None:
             console.progress("simulate", count * bands + done, len(setups) * bands)
 
         for count, (name, setup) in enumerate(setups):
-            workers = given["threads"] or os.cpu_count() or 1
             scene = make(setup, workers=workers, keep_surface=given["surface"], progress=progress)
             files = write_scene(scene, name, overwrite=given["overwrite"])
             written += [str(f) for f in files]

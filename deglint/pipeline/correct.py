@@ -30,19 +30,19 @@ from . import flags as bits
 from .fit import Fitted
 from .outputs import Outputs, PixelCounts
 from .overview import Mask, block_of, on_threads, raster_of, tile_shape_of
-from .recipe import smallest_object
+from .recipe import Recipe, smallest_object
 from .sample import Training, sample_of
 
 CHAIN_CELL = tiling.COMPACT
 """Side of the squares (cells) to which a chain is applied one by one [pixel]. The first cell starts at the first pixel
 of the scene, however the scene is stored and read, so that the result is the same to the bit."""
 STRIP = 4 << 20  # most values in a tile of several cells, for files in strips: wide tiles read few strips twice
-TILES = 8  # number of tiles from which noise and errors are estimated: few, as each of them is corrected twice more
-TRIAL_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
+ERROR_TILES = 8  # tiles from which noise and errors are estimated: few, as each of them is corrected twice more
+ERROR_TILE_SIDE = 192  # side of these tiles [pixel]: a trial displaces glint by half a tile
 
 
 @dataclass(eq=False)
-class Corrected:
+class CorrectedTile:
     """One corrected tile, as it is written to the outputs; values that were not requested are None."""
 
     raw: npt.NDArray[Any]  # (band, row, column), all bands in the type of the output
@@ -114,16 +114,16 @@ class Correction:
         """Whether a chain or standard errors are computed, in squares of the scene, one by one (see `CHAIN_CELL`)."""
         return self.chain.runs or self.want_stderr
 
-    def __call__(self, tile: Tile) -> Corrected:
+    def __call__(self, tile: Tile) -> CorrectedTile:
         """Read a tile, correct it, and convert it to the type of the output."""
         block, wanted = self._read(tile), self.amount_bands
         before = block.own[wanted] if self.want_amount else None
         saturated = self._saturated(block.own)
-        physical = self._corrected(block)
+        physical = self._correct_block(block)
         raw, negative, clipped = self._encoded(block, physical)
         marked = {"saturated": saturated, "negative": negative, "clipped": clipped}
         flags = bits.tile_flags(block, **marked)
-        done = Corrected(raw, bits.counted(block, flags, **marked), self._file_valid(block))
+        done = CorrectedTile(raw, bits.counted(block, flags, **marked), self._file_valid(block))
         if self.want_stderr:
             done.stderr = self._stderr(block, physical)
         if before is not None:
@@ -135,12 +135,12 @@ class Correction:
             done.flags = np.stack([flags, classes])
         return done
 
-    def corrected(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
+    def values(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
         """Read and correct a tile; return its physical values (band, row, column), and `Block.where` (row, column)."""
         block = self._read(tile)
-        return self._corrected(block), block.where
+        return self._correct_block(block), block.where
 
-    def _corrected(self, block: Block) -> npt.NDArray[Any]:
+    def _correct_block(self, block: Block) -> npt.NDArray[Any]:
         """Corrected physical values of the tile, (band, row, column); the fields of `block` for results are set."""
         physical = block.own.copy() if self.by_cells else block.own  # cells need the values around them, as read
         if self.changed and block.where.any():
@@ -270,7 +270,7 @@ def correction(
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
     needs noise or standard errors, these are estimated on `threads` threads. Raises as `open_area`, `_with_stderr`.
     """
-    wanted = mask or fitted.recipe.mask
+    wanted = fitted.recipe.mask if mask is None else Recipe(mask=mask).mask
     area = None if wanted in ("auto", "none") else open_area(wanted, scene, "--mask")
     layout = bits.image_layout(scene, dtype, targets.options if targets else {})
     changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}
@@ -337,7 +337,7 @@ def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
 
 def _with_noise(work: Correction, threads: int) -> Correction:
     """A copy of `work` with `noise` set to the noise of corrected pixels, including that of rounding to integers."""
-    done, inside = zip(*on_threads(_tiles_of(work.scene), work.corrected, threads), strict=True)
+    done, inside = zip(*on_threads(_tiles_of(work.scene), work.values, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = []
     for band in work.changed:  # noise is estimated from 3 x 3 pixels
@@ -348,4 +348,5 @@ def _with_noise(work: Correction, threads: int) -> Correction:
 
 def _tiles_of(scene: Scene) -> list[Tile]:
     """Tiles of a scene from which noise and standard errors are estimated."""
-    return tiling.spread(tiling.tiles(scene.height, scene.width, (TRIAL_SIDE, TRIAL_SIDE)), TILES * TRIAL_SIDE**2)
+    every = tiling.tiles(scene.height, scene.width, (ERROR_TILE_SIDE, ERROR_TILE_SIDE))
+    return tiling.spread(every, ERROR_TILES * ERROR_TILE_SIDE**2)

@@ -5,7 +5,7 @@ from functools import partial
 from typing import Any
 
 from .. import tiles as tiling
-from ..checks import check_kind, check_number, checked_keywords
+from ..checks import check_kind, checked_keywords
 from ..choose import Choice
 from ..compensate import Chain
 from ..errors import FitError, InputError, NoWaterError
@@ -16,10 +16,10 @@ from ..readers.roles import find_band
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
-from . import sample as learning
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
-from .recipe import Recipe, make_request
+from .recipe import Recipe, make_request, unused_by_model
+from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
 
@@ -101,10 +101,9 @@ def fit_scene(
     check_kind(scene, Scene, "scene", "Open it with deglint.open_scene.")
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
-    if threads is not None:
-        check_number(threads, 1, 1024, "threads")
+    threads = tiling.default_threads(threads)
     with environment():
-        found, threads = undeclared(scene), threads or tiling.default_threads()
+        found = undeclared(scene)
         return replace(_fit_overviews(found.on(scene), recipe, threads, want_sample, progress, run), undeclared=found)
 
 
@@ -140,8 +139,9 @@ def _fit_overviews(
         try:
             fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
         except (NoWaterError, FitError):
-            # an overview of a part may have missed the water, or its deep part: read more
-            if overview.whole or (not found and (not overview.water or overview.water.has_water)):
+            # an overview of a part may have missed the deep part of the water, or all water
+            may_help = found or (overview.water and not overview.water.has_water)
+            if overview.whole or not may_help:
                 raise
             continue
         if overview.whole or not found or (fitted.sampled or {}).get("tolerance", {}).get("met", True):
@@ -155,46 +155,52 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     notes = [of_nir, *log_water(overview.water, recipe.mask)]
     if recipe.sample != "auto":
         job = replace(job, sampler=sampler_of(job))
-    method, text, choice, training = recipe.method, recipe.chain, None, None
-    if method == "auto" and text == "auto":
-        training = learning.read_training(job, learning.HALO)
-        job = replace(job, note=None)  # the tiles have been counted
-        choice = learning.chosen(job, training)
-        method, text = choice.best.method, choice.best.chain
-        notes += choice.lines()
-        first, *others = choice.lines() or ["no candidate could be tried: wiener"]
-        log.info("%s", first)
-        why(others)
-    method = "wiener" if method == "auto" else method
+    method, text, choice, training = _decide(job)
     log.info("compensation: %s", "none" if text == "off" else text)
     chain, of_sample = Chain(), list[str]()
-    sampled: learning.Sampled | tuple[None, None] = None, None
+    sampled: Sampled | tuple[None, None] = None, None
     if choice is not None and method == "copy":
         warnings = (f"{choice.why_copied}. Nothing was corrected.",)
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off" or METHODS[method].neighbours:
         if training is None or text == "off":
-            training = learning.read_training(job, learning.HALO if text != "off" else 0)
-        chain, model, sampled = learning.fit_training(job, training, text, method)
+            note = None if choice else job.note  # the tiles of the trials have been counted
+            training = read_training(replace(job, note=note), for_chain=text != "off")
+        chain, model, sampled = fit_training(job, training, text, method)
     elif METHODS[method].plan is None:
         model = METHODS[method].fit(job.request, None)
     else:
-        model, sampled, of_sample = learning.fit_sampled(job, method)
+        model, sampled, of_sample = fit_sampled(job, method)
     log_model(model, of_sample)
     resolved = replace(
         recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
         regression=(method in METHODS and not METHODS[method].neighbours and model.regression) or "auto",
     )  # fmt: skip
-    every, water = (*notes, *of_sample), (overview.water, overview.bands)
+    every, water = (*notes, *(choice.lines() if choice else ()), *of_sample), (overview.water, overview.bands)
     return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)
+
+
+def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
+    """Method and chain of a job; if the recipe leaves them open, also their trials, and the training tiles of these."""
+    method, text = job.recipe.method, job.recipe.chain
+    if text != "auto":
+        return "wiener" if method == "auto" else method, text, None, None
+    training = read_training(job, for_chain=True)
+    choice = chosen(job, training)
+    first, *others = choice.lines() or ["no candidate could be tried: wiener"]
+    log.info("%s", first)
+    why(others)
+    return choice.best.method, choice.best.chain, choice, training
 
 
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
     Without a chain, only `recipe.bands` are corrected. Raises InputError if the model or chain does not suit this scene
-    or the bands and NIR of the recipe, and NoWaterError if `mask` "auto" finds no water.
+    or the bands and NIR of the recipe, or does not use an option of it; NoWaterError if `mask` "auto" finds no water.
     """
+    if unused := unused_by_model(vars(recipe)):
+        raise InputError(f"a given model (--model) is applied as it was fitted: leave out {unused}.")
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
     if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:

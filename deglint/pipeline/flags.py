@@ -141,7 +141,7 @@ def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) ->
 
 
 def beside(work: Correction, targets: Outputs, modelled: Mapping[str, Any] | None) -> dict[str, tuple[Path, Layout]]:
-    """Path and layout of each additional raster (flags, amounts, standard errors), by field of `Corrected`.
+    """Path and layout of each additional raster (flags, amounts, standard errors), by field of `CorrectedTile`.
     `modelled` is the result of `sky_glint`.
     """
     info, bands = work.layout.info, tuple(work.amount_bands)

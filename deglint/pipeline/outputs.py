@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("deglint.pipeline")
 
-BESIDE = ("flags", "amount", "stderr", "sample", "model", "picture")  # optional outputs beside image and sidecar
+BESIDE = {"flags": "tif", "amount": "tif", "stderr": "tif", "sample": "geojson", "model": "json", "picture": "png"}
+"""Optional outputs beside the image and its sidecar, and the usual extensions of their file names."""
 DTYPES = ("float32", "float64", "uint8", "uint16", "int16", "uint32", "int32")  # data types that an output can have
 
 
@@ -248,7 +249,7 @@ def _skipped(fitted: Fitted, names: Sequence[str], tally: PixelCounts) -> dict[s
     """Reasons why water was not searched for (key "water mask"), and why bands were not corrected (key: band name)."""
     out: dict[str, str] = {}
     if fitted.recipe.mask == "none":
-        out["water mask"] = "not asked for: every valid pixel is corrected"
+        out["water mask"] = "not searched for, as the mask is none: every valid pixel is corrected"
     elif fitted.recipe.mask != "auto":
         out["water mask"] = f"given: {fitted.recipe.mask}"
     elif fitted.water is None:
@@ -287,15 +288,15 @@ def saved(fitted: Fitted) -> str:
 
 def load_model(path: str) -> GlintModel:
     """Read the model that `--save-model` wrote. Raises ReadError if there is no file, InputError if it is no model."""
-    return _load(path)[0]
+    return load_fit(path)[0]
 
 
 def load_chain(path: str) -> Chain:
     """Read the compensation that was saved with a model, or an empty chain; raises the same errors as `load_model`."""
-    return _load(path)[1]
+    return load_fit(path)[1]
 
 
-def _load(path: str) -> tuple[GlintModel, Chain]:
+def load_fit(path: str) -> tuple[GlintModel, Chain]:
     """Read the model and the compensation, or else an empty chain, from a file with the text that `saved` returns."""
     text = read_text(path, "--model")
     try:

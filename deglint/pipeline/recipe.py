@@ -1,7 +1,8 @@
 """Options for processing a scene, the same as those of the command `deglint remove`, in an immutable object."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -85,13 +86,13 @@ class Recipe:
         method, wanted = METHODS.get(self.method), bool(self.tolerance)
         for wrong, why in (
             (self.floor_percentile and self.method not in ("hedley", "multiband"),
-             "a floor percentile is for methods hedley and multiband: name one with --method"),
-            (self.regression != "auto" and method and not method.regresses,
-             f"{self.method} fits no slopes by regression: leave out --regression"),
+             "a floor percentile is for methods hedley and multiband: leave it out, or name one of them with --method"),
+            (self.regression != "auto" and not (method and method.regresses),
+             f"{self.method} fits no slopes by regression: leave out --regression, or name a method such as hedley"),
             (self.rrs_factor != float(np.pi) and self.method != "goodman", "the rrs factor is for method goodman"),
             (self.smallest_object and self.chain != "auto",
              "--smallest-object is for the automatic choice: leave it out, or --method and --compensate"),
-            (wanted and self.chain != "off",
+            (wanted and (self.chain != "off" or self.method == "auto"),
              "a tolerance is for a method without compensation: name a --method, and no --compensate"),
             (wanted and method and not method.least_squares,
              f"{self.method} fits no slopes, so their error is not known: leave out --tolerance"),
@@ -100,6 +101,7 @@ class Recipe:
         ):  # fmt: skip
             if wrong:
                 raise InputError(f"{why}.")
+        smallest_object(self.smallest_object, 1.0)  # raises InputError unless it is a width
         if self.compensate not in CHAINS:
             if hint := nearest(self.compensate, list(CHAINS)):
                 raise InputError(f"compensate {self.compensate!r} is not one of {', '.join(CHAINS)}, nor a stage{hint}")
@@ -114,6 +116,16 @@ class Recipe:
 
 
 Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
+
+
+def unused_by_model(options: Mapping[str, Any]) -> str:
+    """Those `options` of a `Recipe` that a given model does not use, and that do not have their default value, as text.
+
+    A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
+    """
+    other = [f for f in fields(Recipe) if f.name not in ("mask", "nir", "bands") and options[f.name] is not None]
+    names = [f.name for f in other if options[f.name] not in (f.default, *["off"] * (f.name == "compensate"))]
+    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import tiles as tiling
-from ..checks import as_path, check_kind, check_number, checked_keywords, described
+from ..checks import as_path, check_kind, checked_keywords, described
 from ..checksum import Checksum, fingerprint
 from ..cluster import Cluster
 from ..compensate import Chain
@@ -89,21 +89,15 @@ def remove_glint(
     recipe = recipe or Recipe()
     check_kind(recipe, Recipe, "recipe", "Make one: deglint.Recipe(method='hedley').")
     _check_saved(model, options.get("chain"))
-    if threads is not None:
-        check_number(threads, 1, 1024, "threads")
+    run = Run(tiling.default_threads(threads), progress or Reporter(), cluster)
     with environment():
         files = check_outputs(source, recipe, reading.get("sensor"), targets)
         # begun before the scene is opened: what changes from now on is noticed
         checksum = Checksum(files, [recipe.sample, recipe.mask, *map(str, targets.reads)])
         scene = settled(open_scene(source, **reading))
-        run = _Run(threads or tiling.default_threads(), progress or Reporter(), cluster, (cluster or tiling).run)
         with raster_of(scene):
-            if model is not None:
-                fitted = given_model(scene, recipe, model, run.threads, options.get("chain"))
-            else:
-                more: Any = {"progress": run.progress, "run": run.over, "want_sample": targets.sample is not None}
-                fitted = fit_scene(scene, recipe, threads=run.threads, **more)
-            return _corrected(scene, fitted, targets, checksum, run)
+            fitted, work = prepare(scene, recipe, targets, run, model, options.get("chain"))
+            return _correct_and_write(work, fitted, targets, checksum, run)
 
 
 def _check_saved(model: Any, chain: Any) -> None:
@@ -116,13 +110,12 @@ def _check_saved(model: Any, chain: Any) -> None:
 
 
 @dataclass(frozen=True)
-class _Run:
+class Run:
     """Threads or cluster on which the tiles of a run are processed, and the time when the run began."""
 
     threads: int
     progress: Progress
-    cluster: Cluster | None
-    over: tiling.Run  # function that processes tiles: on threads, or on the workers of the cluster
+    cluster: Cluster | None = None
     begun: float = field(default_factory=time.perf_counter)  # [s]
 
 
@@ -138,8 +131,18 @@ def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, target
     return files
 
 
-def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksum, run: _Run) -> Result:
-    """Correct a scene, write all outputs in `targets`, and return the result of the run."""
+def prepare(
+    scene: Scene, recipe: Recipe, targets: Outputs, run: Run, model: GlintModel | None, chain: Chain | None
+) -> tuple[Fitted, Correction]:
+    """Fit a recipe to a scene, or take a given model and its chain; also make the correction for all outputs.
+
+    Raises the errors of `fit_scene`, `given_model` and `correction`; InputError if there is no sample to write.
+    """
+    if model is not None:
+        fitted = given_model(scene, recipe, model, run.threads, chain)
+    else:
+        over, want = (run.cluster or tiling).run, targets.sample is not None
+        fitted = fit_scene(scene, recipe, threads=run.threads, want_sample=want, progress=run.progress, run=over)
     if targets.sample and fitted.sample is None and fitted.choice and not fitted.model.fits:  # the choice is to copy
         fitted = replace(fitted, sample=collection([], scene))
     if targets.sample and fitted.sample is None:
@@ -147,6 +150,12 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
     work = correction(scene, fitted, targets=targets, dtype=targets.dtype, threads=run.threads)
     if work.area is not None and work.area.note:
         fitted = replace(fitted, notes=(*fitted.notes, work.area.note))
+    return fitted, work
+
+
+def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, checksum: Checksum, run: Run) -> Result:
+    """Correct a scene, write all outputs in `targets`, and return the result of the run."""
+    scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
         tally = _write_tiles(scratch, work, targets, sky, run)
@@ -172,7 +181,7 @@ def _corrected(scene: Scene, fitted: Fitted, targets: Outputs, checksum: Checksu
 
 
 def _write_tiles(
-    scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: _Run
+    scratch: Scratch, work: Correction, targets: Outputs, sky: Mapping[str, Any] | None, run: Run
 ) -> PixelCounts:
     """Correct all tiles, write them and the additional rasters, and count pixels; `sky` comes from `sky_glint`."""
     scene, image = work.scene, work.layout
@@ -182,7 +191,7 @@ def _write_tiles(
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
     with one_thread_each(), writing_all(scratch, images) as writers:
-        for tile, done in run.over(everything, work, threads=at_once, **options):
+        for tile, done in (run.cluster or tiling).run(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
             if done.valid is not None:
@@ -242,7 +251,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     everything = tiles_over(scene, whole.window, work.layout.tile)
     options: dict[str, Any] = {"progress": partial(Reporter(), "correct"), "start": enter_thread}
     with environment():
-        for tile, (clean, _where) in tiling.run(everything, work.corrected, **options):
+        for tile, (clean, _where) in tiling.run(everything, work.values, **options):
             part = Tile(max(tile.row0, top), min(tile.row1, bottom), max(tile.col0, left), min(tile.col1, right))
             out[part.within(whole)] = clean[part.within(tile)]
     return out

@@ -81,10 +81,12 @@ class Training:
         return SampleTile(block, np.ascontiguousarray(self.water[core]), self.sample, (self.tile.row0, self.tile.col0))
 
 
-def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
-    """Make a function that reads a tile and `halo` pixels around. Sample: the recipe's, else water away from shores."""
+def training_reader(job: Job, halo: int = 0, *, with_water: bool = False) -> Callable[[Tile], Training]:
+    """Make a function that reads a tile and `halo` pixels around. Sample: the recipe's, else water away from shores.
+    With a sample of the recipe, `Training.water` is the sample; if `with_water`, also the water that is found.
+    """
     scene, sampler, every = job.scene, job.sampler, list(range(len(job.scene.bands)))
-    rule = job.overview.water if sampler is None or halo else None  # None: a named sample is all that is used
+    rule = job.overview.water if sampler is None or with_water else None
     reach = rule.halo if rule else 0
 
     def work(tile: Tile) -> Training:
@@ -101,7 +103,7 @@ def training_reader(job: Job, halo: int = 0) -> Callable[[Tile], Training]:
             sample = away if away.any() else found[core]
         else:
             sample = sampler.mask(block[core][list(sampler.bands)], tile)
-            found[core] = found[core] | sample if halo else sample
+            found[core] = found[core] | sample if with_water else sample
         return Training(tile, outer, block, found, np.ascontiguousarray(sample))
 
     return work
@@ -142,14 +144,15 @@ def setting(job: Job) -> Setting:
     return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or 0.0)
 
 
-def read_training(job: Job, halo: int) -> list[Training]:
-    """Read the training tiles, each with a halo [pixel]. If they have more than 600,000 pixels in all, only some of
-    them are read, evenly spread, with about 300,000 pixels. The choice does not depend on the file's blocks.
+def read_training(job: Job, *, for_chain: bool) -> list[Training]:
+    """Read the training tiles; `for_chain`, each with its halo and water. If they have more than 600,000 pixels in all,
+    only some of them are read, evenly spread, with about 300,000 pixels. They do not depend on the file's blocks.
     """
     places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
         places = tiling.spread(places, OVERVIEW_PIXELS)
-    return list(job.results(places, training_reader(job, halo), halo, job.note))
+    halo = HALO if for_chain else 0
+    return list(job.results(places, training_reader(job, halo, with_water=for_chain), halo, job.note))
 
 
 def sample_of(training: Sequence[Training]) -> Sample:

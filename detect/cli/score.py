@@ -26,7 +26,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.argument("inputs", nargs=-1, type=options.FILE, metavar="IN [IN ...]")
 @click.argument("output", type=options.FILE, metavar="OUT")
 @options.heading("What to do")
-@click.option("--method", type=options.AutoOr("METHODS", "detect.rx"), default="auto",
+@click.option("--method", type=options.ChoiceFromTable("METHODS", "detect.rx", "auto"), default="auto",
               help="auto: sea where there is water, else rx. sea compares with the water around, and includes ships "
               "and boats; rx, utd, rx-utd, subspace (rx without the leading eigenvectors) and residual (rx after "
               "regression on the NIR) with the whole background; local with the ring around each pixel; lines with "
@@ -36,10 +36,10 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--window", default="5,21", callback=pair(int, "INNER,OUTER", "5,21"), metavar="INNER,OUTER",
               help="For local: sides of the guard and of the window around it, odd, in pixels. The guard should hold "
               "the largest object.")
-@click.option("--border", type=options.AutoOr("BORDERS", "detect.local", ()), default="shrink",
+@click.option("--border", type=options.ChoiceFromTable("BORDERS", "detect.local"), default="shrink",
               help="For local, at the scene's edge: the window loses what is outside, mirrors the scene, or moves "
               "inside.")
-@click.option("--covariance", type=options.AutoOr("COVARIANCES", "detect.background", ()), default="empirical",
+@click.option("--covariance", type=options.ChoiceFromTable("COVARIANCES", "detect.background"), default="empirical",
               help="How the covariance is estimated; mcd is robust, from the core of the background alone. local: "
               "empirical or ridge.")
 @click.option("--ridge", type=click.FloatRange(0), default=1e-3, metavar="SHARE",
@@ -59,7 +59,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
               "sea, else everywhere.")
 @click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
-@click.option("--threshold", type=options.AutoOr("THRESHOLDS", "detect.threshold", ()), default="gpd",
+@click.option("--threshold", type=options.ChoiceFromTable("THRESHOLDS", "detect.threshold"), default="gpd",
               help="How the threshold is found: a law fitted to the highest scores (gpd), their own quantile "
               "(empirical), or the law of a normal background (F, or chi-squared), which real scenes seldom follow.")
 @click.option("--false-per-km2", type=click.FloatRange(0, min_open=True), metavar="RATE",
@@ -67,7 +67,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
               metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
               "0,0 searches the mask as it is.")
-@click.option("--side", type=options.AutoOr("SIDES", "detect.sea"), default="auto",
+@click.option("--side", type=options.ChoiceFromTable("SIDES", "detect.sea", "auto"), default="auto",
               help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
 @click.option("--moving", is_flag=True,
