@@ -5,7 +5,6 @@
 """
 
 import json
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
-from deglint.moments import CELL, CellMoments, Moments, cell_moments, in_share
+from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
 from deglint.tiles import default_threads
 
 from . import covariance as estimates
@@ -24,8 +23,7 @@ from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
-SAMPLED = ("ledoit-wolf", "mcd")  # those that need a sample of the pixels
-ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample
+ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,30 +91,24 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Contribution of tiles to a background: moments of square cells (`deglint.moments`), and a sample of pixels.
-
-    One in `share` pixels is sampled, where `share` is the least power of 2 for which at most about `ROBUST_SAMPLE` are.
-    It follows from the number of pixels in the background, so pixels without values around a scene change nothing.
-    """
+    """Contribution of tiles to a background: moments of square cells (`deglint.moments`), and a sample of pixels."""
 
     cells: CellMoments
     places: Int64  # (2, samples): rows and columns of the sampled pixels in the scene
     values: Array  # (bands, samples): values of the sampled pixels
 
     @classmethod
-    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], *, sampled: bool = False) -> Self:
+    def of(cls, block: Array, mask: Mask | None, origin: tuple[int, int], share: int = 0) -> Self:
         """Contribution of a block, (band, row, column); `origin` is the row and column of its first pixel in the scene.
 
-        `mask`, (row, column), is True in the background. Without `sampled` there is no sample.
+        `mask`, (row, column), is True in the background. One in `share` of these pixels is sampled; 0 means no sample.
         """
         rows = columns = np.zeros(0, np.int64)
-        if sampled:
+        if share:
             good = np.asarray(np.isfinite(block).all(axis=0))
-            rows, columns = np.nonzero(good if mask is None else good & mask)
+            rows, columns = np.nonzero(thinned(good if mask is None else good & mask, origin, share))
         places = np.stack([rows + origin[0], columns + origin[1]])
-        kept = _in_sample(places, len(rows))
-        values = block[:, rows[kept], columns[kept]]
-        return cls(cell_moments(block, mask, origin=origin), places[:, kept], values)
+        return cls(cell_moments(block, mask, origin=origin), places, block[:, rows, columns])
 
     @classmethod
     def merge(cls, parts: Sequence[Self]) -> Self:
@@ -131,8 +123,7 @@ class Part:
             cells = CellMoments.concatenate(merged)
             cells = cells._replace(keys=np.stack([rows, np.zeros_like(rows)], axis=1))
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
-        kept = _in_sample(places, int(cells.n.sum()))
-        return cls(cells, places[:, kept], values[:, kept])
+        return cls(cells, places, values)
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
@@ -172,10 +163,11 @@ def fit(
     image = as_image(image)
     mask = as_mask(mask, image)
     check_rule(covariance, ridge)
+    share = sample_share(covariance, image.shape[1] * image.shape[2])
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
-        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), sampled=covariance in SAMPLED)
+        return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
     with ThreadPoolExecutor(as_threads(threads)) as pool:
         whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
@@ -220,10 +212,9 @@ def estimate(
     return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
 
 
-def _in_sample(places: Int64, n: int) -> Mask:
-    """Which pixels, at the rows and columns `places`, (2, pixels), are in the sample of a background of n pixels."""
-    share = 1 << max(math.ceil(math.log2(max(n, 1) / ROBUST_SAMPLE)), 0)
-    return in_share(places[0], places[1], share)
+def sample_share(covariance: str, pixels: int) -> int:
+    """N, if the estimator `covariance` needs a sample of one in N of a scene's `pixels` pixels; 0 if it needs none."""
+    return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
 def check_rule(covariance: str, ridge: float) -> None:

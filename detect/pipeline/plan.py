@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from deglint.tiles import Tile
 
 from .. import sea
 from ..arrays import Array, Mask, Uint8
-from ..background import SAMPLED, Background, Part
+from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
 from ..sea import SeaModel, SeaRule
@@ -283,16 +283,16 @@ def fitted(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None =
 def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress | None = None) -> Background:
     """Fit the background of a plan tile by tile; `run` processes the tiles, on threads or on a cluster."""
     recipe, bands = plan.recipe, plan.bands
+    share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
         area = None if plan.area is None else plan.area.read(tile.window)
-        mask = both(plan.read_mask(tile), area)
-        return Part.of(block, mask, (tile.row0, tile.col0), sampled=recipe.covariance in SAMPLED)
+        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
 
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
-    whole = reduce(lambda above, row: Part.merge([above, row]), tiling.by_rows(done, Part.merge))
+    whole = Part.merge(list(tiling.by_rows(done, Part.merge)))
     return whole.background(recipe.covariance, recipe.ridge, plan.names)
 
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from deglint.errors import FitError, InputError
 from detect import covariance
-from detect.background import COVARIANCES, RIDGE, SAMPLED, Background, Part, fit
+from detect.background import COVARIANCES, RIDGE, Background, Part, fit, sample_share
 
 
 def image_of(bands=4, rows=60, columns=50, seed=0, offset=0.0):
@@ -106,28 +106,17 @@ def test_tiles_are_the_whole_to_the_bit(rule, rows, columns, holes):
     if holes:
         image[1, 40:50] = np.nan
     whole = fit(image, mask=mask, covariance=rule)
-    down, across = 64 * rows, 64 * columns
+    share, down, across = sample_share(rule, 150 * 200), 64 * rows, 64 * columns
 
     def piece(r, c):
         at = (slice(r, r + down), slice(c, c + across))
-        return Part.of(image[(slice(None), *at)], None if mask is None else mask[at], (r, c), sampled=rule in SAMPLED)
+        return Part.of(image[(slice(None), *at)], None if mask is None else mask[at], (r, c), share)
 
     lines = [Part.merge([piece(r, c) for c in range(0, 200, across)]) for r in range(0, 150, down)]
     tiled = Part.merge(lines).background(rule, RIDGE)
     np.testing.assert_array_equal(tiled.covariance, whole.covariance)
     np.testing.assert_array_equal(tiled.mean, whole.mean)
     assert (tiled.n, tiled.shrinkage) == (whole.n, whole.shrinkage)
-
-
-@pytest.mark.parametrize("rule", SAMPLED)
-def test_a_margin_of_nodata_changes_nothing(rule, monkeypatch):
-    monkeypatch.setattr("detect.background.ROBUST_SAMPLE", 1000)
-    image = image_of()
-    padded = np.pad(image, ((0, 0), (0, 70), (0, 90)), constant_values=np.nan)
-    found, whole = fit(padded, covariance=rule), fit(image, covariance=rule)
-    np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-12)
-    assert (found.n, found.shrinkage) == (whole.n, pytest.approx(whole.shrinkage, rel=1e-12))
-    assert rule != "mcd" or 300 < whole.n < 1000
 
 
 def test_masked_is_removed():
