@@ -101,7 +101,7 @@ def test_reading_a_chain():
         ("identify-level:9, targets, remove, identify-level, replace-level", "name replace-level"),
         ("identify-median:5, median:25, targets, remove", "name median after them"),
         ("psf, remove, identify-level, replace-level", "psf serves identify-level"),
-        ("psf:2, normalise, identify-level:9, replace-level", "before the next of psf, normalise"),
+        ("psf:2, normalise, identify-level:9, replace-level", "name that right after it"),
         ("psf, identify-median, median, identify-level, replace-level", "psf serves identify-level"),
         ("identify-level:9, psf, replace-level, identify-level, replace-level", "psf serves identify-level"),
         ("psf:3, psf:2, identify-level, replace-level", "psf serves identify-level"),

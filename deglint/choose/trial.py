@@ -163,19 +163,20 @@ def choose(
     states = tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
     marked = replace(sample, states=states)
 
-    def work(job: tuple[Candidate, Sample]) -> _Run | FitError:
-        candidate, some = job
-        check = partial(_check, fine=unit if fine else None) if some is sample else None
+    def work(job: tuple[Candidate, bool]) -> _Run | FitError:
+        candidate, signals = job
+        check = None if signals else partial(_check, fine=unit if fine else None)
         try:
-            return _run(candidate, some, setting, removal(candidate.method), check)
+            return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
         except FitError as error:
             return error
 
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
-    done = list(each(work, product(todo, (sample, marked))))
-    pairs = list(zip(todo, done[::2], done[1::2], strict=True))
-    runs = {c: (p, m) for c, p, m in pairs if isinstance(p, _Run) and isinstance(m, _Run)}
-    failed = {c.name: str(p if isinstance(p, FitError) else m) for c, p, m in pairs if c not in runs}
+    jobs = list(product(todo, (False, True)))  # without and with signals apart: two threads share the slowest candidate
+    done = dict(zip(jobs, each(work, jobs), strict=True))
+    pairs = {c: (done[c, False], done[c, True]) for c in todo}
+    runs = {c: (p, m) for c, (p, m) in pairs.items() if isinstance(p, _Run) and isinstance(m, _Run)}
+    failed = {c.name: str(p if isinstance(p, FitError) else m) for c, (p, m) in pairs.items() if c not in runs}
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)

@@ -87,7 +87,7 @@ def left_over(band: int, sample: Sample) -> LeftOver:
 
     images = [s.image[band] for s in sample.states]
     rest = sample.values([i - np.asarray(cv2.medianBlur(i, 5), np.float32) for i in images])
-    taken = sample.values([_taken(s)[band] for s in sample.states])
+    taken = sample.values([s.removed[band] for s in sample.states if s.removed is not None])
     sigma = min(noise([s.raw[band] for s in sample.states], sample.inside), noise(images, sample.inside))
     water = float(np.median(sample.values(images)))
     limits = np.unique(np.quantile(taken, GLINT_QUANTILES))
@@ -102,12 +102,6 @@ def left_over(band: int, sample: Sample) -> LeftOver:
     ratio = float(np.interp(np.quantile(taken, STRONG_QUANTILE), middles, spreads)) / calm
     sigma = max(sigma, float(np.sqrt(variance.max() / UNKNOWN)))  # integers may hide noise
     return LeftOver(band, sigma, tuple(map(float, middles)), tuple(map(float, variance)), water, ratio)
-
-
-def _taken(state: State) -> Float32:
-    """Glint that the removal subtracted, (band, row, column)."""
-    assert state.removed is not None  # a chain removes before
-    return state.removed
 
 
 @dataclass(frozen=True)
@@ -135,7 +129,8 @@ class Posterior:
 
     def apply(self, state: State) -> State:
         """Set the image to the posterior mean if waves are `resolved`; set `State.variance` if `State.errors`."""
-        taken, image = _taken(state), state.image.copy()
+        assert state.removed is not None  # a chain removes before
+        taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None
         unknown = np.zeros(state.water.shape, np.bool_)
         for band, limit in zip(state.raw, self.saturation, strict=True):
@@ -191,7 +186,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
     `number` is the width of a clump of glint [pixel], by default as measured in the first NIR band. Raises FitError if
     the sample is too small.
     """
-    corrected = [b for b in range(len(setting.bands)) if any(_taken(s)[b].any() for s in sample.states)]
+    taken = [s.removed for s in sample.states if s.removed is not None]
+    corrected = [b for b in range(len(setting.bands)) if any(plane[b].any() for plane in taken)]
     left = tuple(left_over(b, sample) for b in corrected)
     width = int(number) if number else clump_width(sample, setting.nir[0])
     resolved = setting.pixel < WAVES_RESOLVED or float(np.mean([p.ratio for p in left] or [0.0])) > RESOLVED

@@ -78,7 +78,7 @@ class Sharpen:
 
 @dataclass(frozen=True)
 class SharpenImage(Sharpen):
-    """The fitted stage `psf-image`: the deconvolved bands become the image, as in Fink (2014), section 6.3."""
+    """The fitted stage `psf-image`: the deconvolved bands become the image, as in Fink (2014), section 6.3.2."""
 
     name: ClassVar[str] = "psf-image"
 

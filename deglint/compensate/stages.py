@@ -75,7 +75,7 @@ STAGES: dict[str, Kind] = {
     ),
 }  # fmt: skip
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
-"""Chain of Fink (2014), section 6.3, as far as it can be reconstructed."""
+"""Chain of Fink (2014), section 6.3, as far as it can be reconstructed; without its PSF correction (`psf-image`)."""
 NEVER_AFTER = {
     ("normalise", "remove"): "normalise prepares stages before the removal: name it at the beginning, or leave it out.",
     ("normalise", "targets"): "targets are found in the values as read: leave out normalise.",
@@ -85,7 +85,7 @@ NEVER_AFTER = {
     ("targets", "normalise"): "targets are found in the values as read: leave out normalise.",
     ("targets", "median"): "targets are found before the median replaces them: name median after them.",
 }  # (a stage, a stage that cannot come before it): why
-ENDS_PSF = ("psf", "normalise", "replace-level", "median", "remove")  # stages that discard what `psf` sharpened
+ENDS_PSF = ("psf", "normalise", "replace-level", "median")  # like remove, they discard what `psf` sharpened
 
 
 @dataclass(frozen=True)
@@ -169,10 +169,7 @@ def _check(names: Sequence[str]) -> None:
             if (name, other) in NEVER_AFTER:
                 raise InputError(NEVER_AFTER[name, other])
         if name == "psf" and "identify-level" not in takewhile(lambda n: n not in ENDS_PSF, after):
-            raise InputError(
-                f"psf serves identify-level: name that after it, before the next of {', '.join(ENDS_PSF)}; "
-                "or name psf-image to sharpen the image itself."
-            )
+            raise InputError("psf serves identify-level: name that right after it, or psf-image for the image itself.")
         if name == "posterior" and "remove" not in before:
             raise InputError("posterior treats what removal leaves: name remove before it.")
         if name == "targets" and "level" in ready and not {"replace-level", "median"} & set(after):
@@ -235,9 +232,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a saved chain, or if
-    its stages are not those of its text form.
-    """
+    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a valid saved chain."""
     try:
         before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
         text = str(data["chain"])

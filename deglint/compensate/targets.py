@@ -93,6 +93,7 @@ class Targets:
     @property
     def halo(self) -> int:
         """Margin around a block that the stage needs [pixel]: the sum of the reaches of its steps, in their order."""
+        # mean; peaks, saturation, neighbours of peaks, sums; growth by 7 x 7; sums or outline, target; its edge
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
@@ -203,7 +204,7 @@ class Excess:
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
-        S, known, kind = np.zeros(shape, np.float32), np.zeros(shape, np.bool_), np.zeros(shape, np.uint8)
+        S, known, kind = np.zeros(shape, np.float32), self.saturated(), np.zeros(shape, np.uint8)
 
         def weigh(where: Mask) -> Float32:
             """Compute S in the pixels `where` that do not have it yet; return the sum of S over 3 x 3 pixels."""
@@ -217,10 +218,10 @@ class Excess:
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
             return box_sum(S, 3)
 
-        known |= self.saturated()
+        some = np.log(1 / RATE)
         weigh(self.peaks())
-        T, some = weigh(grown(S > 0, 3)), np.log(1 / RATE)
-        T = weigh(grown(some < T, 7))
+        T = weigh(grown(S > 0, 3))  # neighbours of peaks, which complete the sums around the peaks
+        T = weigh(grown(some < T, 7))  # all pixels that the sums near a possible target and its outline can reach
         rows, columns = np.nonzero(some < T)
         T[rows, columns] += self.outline(rows, columns)
         return S, T, kind
@@ -279,18 +280,19 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
     top = max(float(e[:, m].max(initial=1)) for e, m in zip(planes, sample.inside, strict=True))
     stage = replace(stage, top=float(np.arcsinh(top)) + 1e-3)
+
+    def pixels(blocks: Sequence[Places]) -> Places:
+        return np.concatenate([b[:, m] for b, m in zip(blocks, sample.inside, strict=True)], axis=1)
+
     bins = [stage.binned(e) for e in planes]
-
-    def pixels() -> Places:
-        return np.concatenate([b[:, m] for b, m in zip(bins, sample.inside, strict=True)], axis=1)
-
-    stage = histograms(stage, q := pixels(), t)
+    q = pixels(bins)
+    stage = histograms(stage, q, t)
     if (lasts := lasting_share(q, stage)) > LASTING:
         return Targets(reason=f"{lasts:.0%} of the sparkle lasts in all bands: nothing distinguishes targets from it")
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
-    for plane in bins:  # with later bands displaced, brightness stays the same by chance only
-        plane[later:] = np.roll(plane[later:], DISPLACEMENTS, (1, 2))
-    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(pixels(), stage)[-1].mean())
+    # with later bands displaced, brightness stays the same by chance only
+    displaced = pixels([np.concatenate([b[:later], np.roll(b[later:], DISPLACEMENTS, (1, 2))]) for b in bins])
+    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(displaced, stage)[-1].mean())
     rate = number or RATE
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
     stage = replace(stage, threshold=float(threshold))
@@ -333,8 +335,8 @@ def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
     lit = e[:, (e > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
     target = spectra.target_likelihoods(lit, stage.models)[0]
     flash, white = (spectra.flash_likelihoods(lit, stage.flashes(c)) for c in (spectra.CHANGE, spectra.NO_CHANGE))
-    steady = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
-    ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)[:, steady]
+    unexplained = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
+    ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)[:, unexplained]
     frequent = ratios.size > 0 and (ratios.mean(axis=1) > (LIKELIER, CHANGING)).all()
     return replace(stage, flash_share=float((ratios[0] > 0).sum() / e.shape[1])) if frequent else stage
 
@@ -349,21 +351,20 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
     dark = dark if len(dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
-    smooth, made = cv2.getGaussianKernel(7, 1.5), {}
+    smooth = cv2.getGaussianKernel(7, 1.5)
     counts = np.bincount(q[dark].ravel(), minlength=EXCESS_BINS).astype(np.float64)
     single = cv2.sepFilter2D(counts[:, None], -1, np.ones(1), smooth).ravel() + 0.5
     single /= single.sum()
-    for delay in np.diff(t):
-        off = np.abs(np.abs(t[pairs[:, 0]] - t[pairs[:, 1]]) - delay)
-        made[delay] = tuple(np.flatnonzero(off < off.min() + 1e-3))
-    following = {}
-    for same in made.values():
+    off = np.abs(np.abs(t[pairs[:, 0]] - t[pairs[:, 1]]) - np.diff(t)[:, None])  # (step, pair) [s]
+    nearest = [tuple(np.flatnonzero(row < row.min() + 1e-3)) for row in off]
+    distinct, following = list(dict.fromkeys(nearest)), []
+    for same in distinct:
         i, j = (np.concatenate(q[pairs[list(same), k]]) for k in (0, 1))
         both = np.bincount(i * EXCESS_BINS + j, minlength=EXCESS_BINS**2).reshape(EXCESS_BINS, -1).astype(np.float64)
         both = cv2.sepFilter2D(both, -1, smooth, smooth, borderType=cv2.BORDER_REPLICATE) + 5 * single
-        following[same] = tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist())
-    tables = tuple(list(following).index(made[delay]) for delay in np.diff(t))
-    return replace(stage, tables=tables, first=tuple(np.log(single).tolist()), following=tuple(following.values()))
+        following.append(tuple(np.round(np.log(both / both.sum(axis=1, keepdims=True)), 3).ravel().tolist()))
+    tables, first = tuple(map(distinct.index, nearest)), tuple(np.log(single).tolist())
+    return replace(stage, tables=tables, first=first, following=tuple(following))
 
 
 def lasting_share(q: Places, stage: Targets) -> float:

@@ -5,9 +5,8 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
 standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
 :math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
-the compensated image, and the chain is run again. Elsewhere it comes from the stage `posterior` if the chain has it.
-Without that stage it is the variance of noise if the chain replaces glint, else of noise and of the glint that the
-removal left.
+the compensated image, and the chain is run again. Elsewhere it comes from the stage `posterior` if the chain has it,
+else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
@@ -86,9 +85,8 @@ def fit_replaced(
 
 def _trial(done: State) -> State:
     """State for a trial: image of `done` (after all stages) plus its glint in replaced pixels, moved half a block."""
-    glint = np.maximum(done.raw - done.image, 0)
-    if done.replaced is not None:
-        glint = np.where(done.replaced, glint, 0)
+    assert done.replaced is not None  # a stage before the removal replaces glint
+    glint = np.where(done.replaced, np.maximum(done.raw - done.image, 0), 0)
     known = done.image + np.roll(glint, (glint.shape[1] // 2, glint.shape[2] // 2), (1, 2))
     return State(known, known, done.water)
 

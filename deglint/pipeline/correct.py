@@ -1,6 +1,7 @@
 """Correct a scene tile by tile: corrected values, flags, counts of pixels, amounts of glint and standard errors."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -312,11 +313,10 @@ def _with_stderr(work: Correction, threads: int) -> Correction:
     if not chosen:
         raise FitError("no pixel is corrected in the tiles that were read, so --stderr has nothing to learn from.")
     before = Sample(*map(tuple, zip(*chosen, strict=True)))
-    after = replace(before, states=tuple(apply_chain(s, work.chain, work.model) for s in before.states))
+    run = partial(apply_chain, chain=work.chain, model=work.model)
+    after = replace(before, states=tuple(map(run, before.states)))
     if opens:
-        errors = compensate.fit_replaced(
-            before, after, _objects(work, after), lambda s: apply_chain(s, work.chain, work.model)
-        )
+        errors = compensate.fit_replaced(before, after, _objects(work, after), run)
         return replace(work, want_stderr=True, replaced=errors)
     if any(isinstance(stage, Posterior) and stage.resolved for stage in work.chain.after):
         return replace(work, want_stderr=True)
