@@ -183,19 +183,11 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
         return mask
     rows = np.arange(origin[0], origin[0] + mask.shape[0])[:, None]
     columns = np.arange(origin[1], origin[1] + mask.shape[1])
-    return np.asarray(mask & in_share(rows, columns, share))
-
-
-def in_share(rows: npt.NDArray[np.integer], columns: npt.NDArray[np.integer], share: int) -> Mask:
-    """Whether `thinned` keeps the pixels at these rows and columns of the scene (arrays that broadcast).
-
-    About one pixel in `share` is kept. Pixels that are kept for one `share` are also kept for each of its divisors.
-    """
     mixed = rows.astype(np.uint64) * np.uint64(0x9E3779B1) + columns.astype(np.uint64) * np.uint64(0x85EBCA77)
     mixed ^= mixed >> np.uint64(15)
     mixed *= np.uint64(0x2C1B3C6D)
     mixed ^= mixed >> np.uint64(12)
-    return np.asarray(mixed % np.uint64(share) == 0)
+    return np.asarray(mask & (mixed % np.uint64(share) == 0))
 
 
 Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]

@@ -71,7 +71,7 @@ def test_a_dry_run_fits_and_writes_nothing(deglint, sea, write, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--compensate", "remove, identify-level:9, replace-level", "--stderr", "s.tif"), "--stderr needs a comp"),
+        (("--compensate", "remove, identify-level:9, replace-level", "--stderr", "s.tif"), "needs identify-level"),
         (("--model", "m.json", "--save-sample", "s.geojson"), "was not fitted to a sample here"),
     ],
 )

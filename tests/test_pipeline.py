@@ -58,7 +58,7 @@ def test_a_given_model_refuses_options_that_it_does_not_use(sea, write, tmp_path
     source = write(tmp_path / "in.tif", sea())
     model = fit_scene(open_scene(source), HEDLEY).model
     for options, names in (({"method": "joyce", "nir_use": "best"}, "--method, --nir-use"),
-                           ({"method": "joyce", "tolerance": 0.1}, "--method, --tolerance"),
+                           ({"method": "joyce", "regression": "huber"}, "--method, --regression"),
                            ({"compensate": "thesis"}, "--compensate"), ({"sample": "all"}, "--sample")):  # fmt: skip
         with pytest.raises(InputError, match=f"leave out {names}.$"):
             remove_glint(source, tmp_path / "out.tif", Recipe(**options), model=model)

@@ -159,9 +159,8 @@ def choose(
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
-    images = [s.image + a.total for s, a in zip(sample.states, added, strict=True)]
-    states = tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
-    marked = replace(sample, states=states)
+    images = (s.image + a.total for s, a in zip(sample.states, added, strict=True))
+    marked = replace(sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True)))
 
     def work(job: tuple[Candidate, bool]) -> _Run | FitError:
         candidate, signals = job

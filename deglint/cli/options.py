@@ -55,8 +55,8 @@ class ChoiceFromTable(click.Choice[str]):
         return (*self._words, *(get_args(table) or table))
 
 
-PRESETS = ChoiceFromTable("PRESETS", "deglint.physics.presets")
-SKIES = ChoiceFromTable("SKY_MODELS", "deglint.physics.sky")
+SENSOR_CHOICE = ChoiceFromTable("PRESETS", "deglint.physics.presets")
+SKY_CHOICE = ChoiceFromTable("SKY_MODELS", "deglint.physics.sky")
 
 
 class FileName(click.Path):

@@ -8,11 +8,10 @@ from typing import Any
 
 import click
 
-from .options import FILE, PRESETS, SKIES, ChoiceFromTable, Grouped, heading, parsed, with_options
+from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Grouped, heading, parsed, with_options
 
 log = logging.getLogger(__name__)
 
-SLOPES = ChoiceFromTable("MODELS", "deglint.physics.slopes")
 WATERS = ChoiceFromTable("WATERS", "deglint.plan.mission")
 
 
@@ -66,15 +65,16 @@ plan_options = with_options(
     number("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
     number("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
     click.option("--pressure", metavar="HPA", help="Air pressure, or with its unit, 29.9inHg; 1013.25 by default."),
-    click.option("--slopes", type=SLOPES, help="Model of the slopes of waves; cox-munk by default."),
-    click.option("--sky", type=SKIES, help="Model of the sky; harrison-coombes, the clear sky, by default."),
+    click.option("--slopes", type=ChoiceFromTable("MODELS", "deglint.physics.slopes"),
+                 help="Model of the slopes of waves; cox-munk by default."),
+    click.option("--sky", type=SKY_CHOICE, help="Model of the sky; harrison-coombes, the clear sky, by default."),
     heading("Target, water and sensor"),
     number("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
     number("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
     number("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
     number("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
     number("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    click.option("--sensor", type=PRESETS, help="Sensor; thesis by default."),
+    click.option("--sensor", type=SENSOR_CHOICE, help="Sensor; thesis by default."),
     click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
     click.option("--water", type=WATERS, help="Water scatters (default), or only absorbs."),
     heading("What is excluded"),

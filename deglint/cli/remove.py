@@ -46,10 +46,6 @@ remove_options = options.with_options(
     heading("Details of the fit"),
     click.option("--regression", type=ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto"), default="auto",
                  help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
-    click.option("--tolerance", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="SHARE",
-                 help="Stop reading the sample when the relative standard error of every slope is at most this, such "
-                      "as 0.01. By default a named sample is read as a whole (wiener and stages: about 0.3 million "
-                      "pixels of a large one), an automatic one up to about 0.3 million pixels."),
     click.option("--floor-percentile", type=click.FloatRange(0, 100), default=0.0, metavar="PERCENT",
                  help="For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum."),
     click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto",

@@ -8,16 +8,23 @@ from typing import Any
 
 import click
 
-from .options import PRESETS, SETTINGS, SKIES, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
+from .options import (
+    SENSOR_CHOICE,
+    SETTINGS,
+    SKY_CHOICE,
+    ChoiceFromTable,
+    Grouped,
+    heading,
+    parsed,
+    threads,
+    with_options,
+)
 
 log = logging.getLogger(__name__)
 
-KERNELS = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
 BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
 """Size of a pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, glint mask, cover class."""
 LEAST_SIDE, MOST_SIDE = 8, 16384  # limits of the side of an image [pixel]
-SLOPES = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
-SPECTRA = ChoiceFromTable("Spectrum", "deglint.physics.waves")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -54,9 +61,10 @@ simulate_options = with_options(
     click.option("--sun-zenith", type=float, default=40.0, metavar="DEG", help="Angle of the sun from the zenith."),
     click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG", help="Azimuth of the sun."),
     click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
-    click.option("--sky", type=SKIES, default="cardioidal", help="Model of the sky."),
-    click.option("--spectrum", type=SPECTRA, default="elfouhaily", help="Spectrum of the waves."),
-    click.option("--slopes", type=SLOPES, default="cox-munk",
+    click.option("--sky", type=SKY_CHOICE, default="cardioidal", help="Model of the sky."),
+    click.option("--spectrum", type=ChoiceFromTable("Spectrum", "deglint.physics.waves"), default="elfouhaily",
+                 help="Spectrum of the waves."),
+    click.option("--slopes", type=ChoiceFromTable("SlopeModel", "deglint.simulate.setup"), default="cox-munk",
                  help="Distribution of slopes that the mean glint follows."),
     click.option("--fetch", type=float, default=100e3, metavar="M",
                  help="For jonswap: distance that the wind has blown over water."),
@@ -75,7 +83,7 @@ simulate_options = with_options(
     click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     heading("Sensor"),
-    click.option("--preset", type=PRESETS, default="thesis", help="Sensor."),
+    click.option("--preset", type=SENSOR_CHOICE, default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
                  help="Size of the image [pixel]."),
     click.option("--delay", type=float, multiple=True, metavar="S",
@@ -88,7 +96,8 @@ simulate_options = with_options(
     click.option("--misregistration", type=float, default=0.0, metavar="PIXELS",
                  help="Largest displacement of a band."),
     click.option("--striping", type=float, default=0.0, metavar="%", help="Standard deviation of the columns' gain."),
-    click.option("--resampling", type=KERNELS, help="Interpolate the image from another grid."),
+    click.option("--resampling", type=ChoiceFromTable("Kernel", "deglint.simulate.artefacts"),
+                 help="Interpolate the image from another grid."),
     click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG."),
     heading("Output"),
     click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),

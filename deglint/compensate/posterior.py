@@ -52,7 +52,7 @@ pixels, and for the posterior mean also pits, which are zero or negative in a co
 PIT_REACH, DEEP = 3, 10.0
 """Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
 `PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
-DARK = 1.0  # water that is darker than this many standard deviations of noise is often zero without pits
+AS_DARK = 1.0  # water that is darker than this many standard deviations of noise is often zero without pits
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Posterior:
         for band, limit in zip(state.raw, self.saturation, strict=True):
             if np.isfinite(limit):
                 unknown |= band >= limit
-        for left in (p for p in self.left if self.resolved and p.water > DARK * p.sigma):
+        for left in (p for p in self.left if self.resolved and p.water > AS_DARK * p.sigma):
             beside = grown(taken[left.band] > np.float32(DEEP * left.sigma), 2 * PIT_REACH + 1)
             unknown |= (state.raw[left.band] <= 0) & beside
         for left in self.left:

@@ -110,8 +110,8 @@ def fit_scene(
 def _fit_overviews(
     scene: Scene, recipe: Recipe, threads: int, want_sample: bool, progress: Progress | None, run: tiling.Run
 ) -> Fitted:
-    """Fit to an overview, which is a part of the scene. If it has no water, or the fit to an automatic sample fails or
-    does not reach `Recipe.tolerance`, fit to a larger part; the last part is the whole scene.
+    """Fit to an overview, which is a part of the scene. If it has no water, or the fit to an automatic sample fails,
+    fit to a larger part; the last part is the whole scene.
     """
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
@@ -137,15 +137,12 @@ def _fit_overviews(
     note = partial(progress, "fit") if progress else None
     for overview in overviews(scene, nir, threads, wanted=recipe.mask == "auto" or (sampled and found)):
         try:
-            fitted = _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
+            return _fit(Job(scene, recipe, request, overview, threads, note, run, want_sample), of_nir)
         except (NoWaterError, FitError):
             # an overview of a part may have missed the deep part of the water, or all water
             may_help = found or (overview.water and not overview.water.has_water)
             if overview.whole or not may_help:
                 raise
-            continue
-        if overview.whole or not found or (fitted.sampled or {}).get("tolerance", {}).get("met", True):
-            return fitted
     raise AssertionError("unreachable: the last overview is of everything")
 
 

@@ -50,9 +50,6 @@ class Recipe:
     smallest_object : str
         Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
         not known.
-    tolerance : float
-        Reading of the sample stops when the relative standard error of the slopes is at most this [1]. With 0 (off), a
-        given sample is read as a whole, an automatic sample in some tiles only. See `deglint.pipeline.sample`.
     """
 
     method: str = "auto"
@@ -66,7 +63,6 @@ class Recipe:
     rrs_factor: float = float(np.pi)
     compensate: str = "auto"
     smallest_object: str = ""
-    tolerance: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("nir", "bands"):
@@ -80,10 +76,9 @@ class Recipe:
         check_choice(self.nir_use, ["auto", "mean", "best", "set"], "nir_use")
         check_number(self.floor_percentile, 0, 100, "floor_percentile")
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
-        check_number(self.tolerance, 0, 1, "tolerance")
         check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
-        method, wanted = METHODS.get(self.method), bool(self.tolerance)
+        method = METHODS.get(self.method)
         for wrong, why in (
             (self.floor_percentile and self.method not in ("hedley", "multiband"),
              "a floor percentile is for methods hedley and multiband: leave it out, or name one of them with --method"),
@@ -92,12 +87,6 @@ class Recipe:
             (self.rrs_factor != float(np.pi) and self.method != "goodman", "the rrs factor is for method goodman"),
             (self.smallest_object and self.chain != "auto",
              "--smallest-object is for the automatic choice: leave it out, or --method and --compensate"),
-            (wanted and (self.chain != "off" or self.method == "auto"),
-             "a tolerance is for a method without compensation: name a --method, and no --compensate"),
-            (wanted and method and not method.least_squares,
-             f"{self.method} fits no slopes, so their error is not known: leave out --tolerance"),
-            (wanted and self.regression in ("huber", "theil-sen"),
-             f"{self.regression} looks at a part of the sample however large it is: leave out --tolerance"),
         ):  # fmt: skip
             if wrong:
                 raise InputError(f"{why}.")

@@ -1,9 +1,4 @@
-"""Fit a removal to the sample of a scene: read training tiles, try candidates on them or fit to them.
-
-A pointwise method uses no neighbouring pixels. With a tolerance, tiles spread over the scene are read in batches, until
-the relative standard error of the glint in each corrected band (`deglint.remove.glint_error`) is at most the tolerance,
-or all tiles are read. The batches depend only on the pixels of the scene, not on blocks of the file or on threads.
-"""
+"""Fit a removal to the sample of a scene: read training tiles, try candidates on them or fit to them."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +14,6 @@ from ..choose import Choice, choose, without_ships
 from ..compensate import Background, Chain, ReplaceLevel, Sample, Setting, State, fit_chain
 from ..compensate.posterior import WAVES_RESOLVED
 from ..compensate.psf import system_psf, typical_psf
-from ..errors import FitError
 from ..masks import away_from_shore, water
 from ..masks.find import COARSE_PIXEL
 from ..moments import CELL
@@ -28,7 +22,7 @@ from ..raster.environment import enter_thread
 from ..readers.areas import collection, to_geojson
 from ..readers.bands import optics_of
 from ..readers.grid import pixel_size
-from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, glint_error, mixture, wiener
+from ..remove import METHODS, FitRequest, GlintModel, SampleTile, fit_pointwise, mixture, wiener
 from ..remove.further import more_references
 from ..remove.statistics import SamplePlan, SampleStatistics, gather, merge
 from ..remove.strips import Strips, filled
@@ -45,11 +39,6 @@ TRIED, TRIED_SIDE, TRIED_HALO = 8, 128, 32
 AS_LARGE = 0.9  # squares with samples of at least this share of the largest sample are equally suited for trials
 KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percentile or a mode
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
-LEAST_CELLS = 40
-"""Least effective number of cells (see `glint_error`) for a reliable standard error: if a few clumps of sparkle contain
-most of the glint, the real error is many times the estimate."""
-GROWTH = 1.25, 4.0  # least and largest increase of the sample by the next batch, as a factor
-READ_MARGIN = 1.1  # safety factor on the pixels to read, for an error that falls with the square root of their number
 
 Place = tuple[Window | None, list[Any]]
 """Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""
@@ -240,43 +229,19 @@ def _part_of(found: Training, scene: Scene) -> Training:
 
 
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
-    """Fit a pointwise method to its sample, read in batches if there is a tolerance; also return notes for the log."""
+    """Fit a pointwise method, which uses no neighbouring pixels, to its sample; also return notes for the log."""
     sampler = job.sampler or sampler_of(job)
-    tolerance, plan = job.recipe.tolerance, METHODS[method].plan(job.request)  # type: ignore[misc]
-    pool = sampler.squares if tolerance else sampler.tiles
-    model: GlintModel | None = None
-    read: list[tuple[SampleStatistics, list[Place]]] = []
-    done, wanted, worst = set[Tile](), OVERVIEW_PIXELS, math.inf
-    while len(done) < len(pool) and worst > tolerance:
-        batch = [tile for tile in (tiling.spread(pool, wanted) if tolerance else pool) if tile not in done]
-        if not batch:
-            wanted = int(wanted * GROWTH[0])
-            continue
-        done.update(batch)
-        taken = pixels = sum(tile.pixels for tile in done)
-        if sampler.bounds and not tolerance:  # the area itself
-            pixels = math.prod(high - low for low, high in sampler.bounds)
-        share = max(1, -(-pixels // KEPT_PIXELS))
-        if tolerance:  # a power of two: each share divides the later ones
-            share = 1 << (share - 1).bit_length()
-        plan = replace(plan, share=share, levels=math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1))))
-        read += _read(job, sampler, plan, batch)
-        stats = merge([part for part, _places in read], plan)
-        if tolerance:
-            model, errors, cells = _errors(job, method, stats)
-            worst = max(errors.values(), default=0.0) if cells >= LEAST_CELLS else math.inf
-            grows = READ_MARGIN * (worst / tolerance) ** 2 if math.isfinite(worst) else GROWTH[1]
-            wanted = int(taken * min(max(grows, GROWTH[0]), GROWTH[1]))
-    model = model or METHODS[method].fit(job.request, stats)
-    notes, numbers = list[str](), dict(sampler.numbers)
-    if tolerance:
-        whole = job.scene.height * job.scene.width if sampler.bounds is None else sum(tile.pixels for tile in pool)
-        numbers["tolerance"], note, doubts = _reached(tolerance, errors, cells, taken, whole)
-        notes, model = [note], replace(model, warnings=(*model.warnings, *doubts))
-    places = [place for _part, some in read for place in some]
-    entries, outline = describe_sample(job, model, stats.moments.n, places)
-    notes.append(f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(entries['rows_columns'])}")
-    return model, (entries | numbers, outline), notes
+    pixels = sum(tile.pixels for tile in sampler.tiles)
+    if sampler.bounds:  # the area itself
+        pixels = math.prod(high - low for low, high in sampler.bounds)
+    share, levels = max(1, -(-pixels // KEPT_PIXELS)), math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
+    plan = replace(METHODS[method].plan(job.request), share=share, levels=levels)  # type: ignore[misc]
+    read = list(_read(job, sampler, plan, sampler.tiles))
+    stats = merge([part for part, _places in read], plan)
+    model = METHODS[method].fit(job.request, stats)
+    entries, outline = describe_sample(job, model, stats.moments.n, [p for _part, places in read for p in places])
+    note = f"sample ({job.recipe.sample}): {stats.moments.n} pixels, {_place(entries['rows_columns'])}"
+    return model, (entries | sampler.numbers, outline), [note]
 
 
 def _read(
@@ -301,33 +266,6 @@ def _read(
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
     done = job.run(batch, work, threads=at_once, progress=job.note, start=enter_thread)
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
-
-
-def _errors(job: Job, method: str, stats: SampleStatistics) -> tuple[GlintModel | None, dict[str, float], float]:
-    """Fit a method: model, relative error of each band, least effective number of cells; None, {} and 0 on FitError."""
-    try:
-        model = METHODS[method].fit(job.request, stats)
-    except FitError:
-        return None, {}, 0.0
-    found = {fit.name: glint_error(stats, model, fit) for fit in model.fits}
-    return model, {name: error for name, (error, _) in found.items()}, min(cells for _, cells in found.values())
-
-
-def _reached(
-    tolerance: float, errors: dict[str, float], cells: float, taken: int, whole: int
-) -> tuple[dict[str, Any], str, list[str]]:
-    """Compare `errors` with `tolerance`: sidecar entries, log line and warnings. `taken` of `whole` pixels are read."""
-    worst = max(errors.values(), default=0.0)
-    met = cells >= LEAST_CELLS and worst <= tolerance
-    numbers = {
-        "wanted": tolerance, "met": met, "relative_standard_error": errors, "effective_cells": cells,
-        "least_effective_cells": LEAST_CELLS, "pixels_read": taken, "pixels_skipped": whole - taken,
-    }  # fmt: skip
-    note = f"tolerance {tolerance:g} of the slopes: reached {worst:.2g} with {taken} of {whole} pixels read"
-    known = f"the slopes' error is {worst:.2g}"
-    if cells < LEAST_CELLS:
-        known = f"most of the sample's glint is in {cells:.0f} squares of 64 pixels, too few to know the error by"
-    return numbers, note, [] if met else [f"the tolerance {tolerance:g} was not reached: {known}."]
 
 
 def place_of(mask: Mask, tile: Tile, outlined: Scene | None) -> Place:

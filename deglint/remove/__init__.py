@@ -24,12 +24,12 @@ from . import goodman, hedley, hochberg, joyce, kutser, lyzenga, multiband, nir_
 from .model import BandFit, GlintIndex, GlintModel
 from .predict import apply
 from .request import FitRequest, regression_plan
-from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, gather, glint_error, merge
+from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, gather, merge
 from .wiener import SAMPLE_SIDE, SampleTile
 
 __all__ = [
     "METHODS", "REGRESSIONS", "BandFit", "FitRequest", "GlintIndex", "GlintModel", "Method", "SamplePlan",
-    "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "glint_error", "merge", "nir_request",
+    "SampleStatistics", "SampleTile", "apply", "fit", "fit_pointwise", "gather", "merge", "nir_request",
 ]  # fmt: skip
 
 
@@ -46,7 +46,6 @@ class Method:
     fit: Callable[[FitRequest, Any], GlintModel]
     plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None where no sample is needed
     regresses: bool = False  # `--regression` selects the estimator of the slopes
-    least_squares: bool = False  # weights of the references are fitted by least squares, so they have a standard error
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
 
@@ -54,12 +53,14 @@ _index_plan = partial(regression_plan, keep_index=True)
 
 METHODS: dict[str, Method] = {
     "wiener": Method("kernels on the NIR and SWIR around each pixel, one level", wiener.fit, neighbours=True),
-    "hedley": Method("slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, True, True),
-    "lyzenga": Method("slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, True, True),
-    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, True, True),
-    "multiband": Method(
-        "all longer bands together, level at a low percentile", multiband.fit, multiband.plan, least_squares=True
+    "hedley": Method(
+        "slope on the NIR, level at its minimum (Hedley 2005)", hedley.fit, regression_plan, regresses=True
     ),
+    "lyzenga": Method(
+        "slope on the NIR, level at its mean (Lyzenga 2006)", lyzenga.fit, regression_plan, regresses=True
+    ),
+    "joyce": Method("slope on the NIR, level at its mode (Joyce 2004)", joyce.fit, _index_plan, regresses=True),
+    "multiband": Method("all longer bands together, level at a low percentile", multiband.fit, multiband.plan),
     "hochberg": Method("brightest less darkest NIR pixel (Hochberg 2003)", hochberg.fit, hochberg.plan),
     "goodman": Method("reflectance at 750 nm with a floor from 640 nm (Goodman 2008)", goodman.fit),
     "kutser": Method("depth of the oxygen line at 760 nm (Kutser 2009)", kutser.fit, kutser.plan),

@@ -13,12 +13,10 @@ References
 Liang, Zeger (1986), Biometrika 73, 13-22, doi:10.1093/biomet/73.1.13.
 Bell, McCaffrey (2002), Survey Methodology 28, 169-181.
 Cameron, Miller (2015), Journal of Human Resources 50, 317-372, doi:10.3368/jhr.50.2.317.
-Carter, Schnepel, Steigerwald (2017), Review of Economics and Statistics 99, 698-709, doi:10.1162/REST_a_00639.
 Huber (1964), Annals of Mathematical Statistics 35, 73-101, doi:10.1214/aoms/1177703732.
 Sen (1968), Journal of the American Statistical Association 63, 1379-1389, doi:10.1080/01621459.1968.10480934.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,10 +25,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, in_share, thinned
+from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, thinned
 from ..scene import FloatArray
 from .detrend import detrend
-from .model import BandFit, GlintIndex, GlintModel
+from .model import GlintIndex
 
 CLUSTERS = 10  # fewest cells for a standard error between cells
 LEAST_ELSEWHERE = 1e-3  # lower limit of the share of glint in other cells, so that errors are finite
@@ -134,16 +132,14 @@ def gather(
 def merge(parts: Sequence[SampleStatistics], plan: SamplePlan) -> SampleStatistics:
     """Merge the statistics of several tiles; the result is the same to the bit for any order of the parts.
 
-    parts : at least one, gathered with this plan or with a plan that keeps more single pixels
-    plan : says which single pixels are kept, and which cells are merged into one
+    parts : at least one, gathered with this plan
+    plan : says which cells are merged into one
     """
     some = [p for p in parts if len(p.raw.n)] or parts[:1]
     raw = CellMoments.concatenate([p.raw for p in some]).joined(plan.levels)
     cells = CellMoments.concatenate([p.cells for p in some]).joined(plan.levels) if plan.detrend_size else raw
     places, values = (np.concatenate([getattr(p, name) for p in some], axis=1) for name in ("places", "values"))
     order = np.argsort((places[0] << 32) + places[1], kind="stable")  # fast, as rows of a tile are in order
-    if any(p.plan.share != plan.share for p in some):
-        order = order[in_share(places[0, order], places[1, order], plan.share)]
     darkest, brightest = _first(1, [p.darkest for p in some]), _first(-1, [p.brightest for p in some])
     return SampleStatistics(plan, raw, cells, darkest, brightest, places[:, order], values[:, order])
 
@@ -213,60 +209,13 @@ def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:
     if len(stats.cells.n) < CLUSTERS:
         unexplained = (1 - explained(stats, slope)) * np.diag(stats.regressed.comoment)[:bands, None]
         return np.sqrt(np.maximum(unexplained, 0) / max(stats.regressed.n - 2, 1) / power)
-    about = _about_the_mean(stats)
-    power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
-    score = (about[:, :bands, bands:] - slope * power_of_cell) / np.maximum(1 - power_of_cell / power, LEAST_ELSEWHERE)
-    count = len(about)
-    return np.sqrt((score**2).sum(axis=0) * (count - 1) / count) / power
-
-
-def glint_error(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[float, float]:
-    """Relative standard error of the glint that a model predicts in a band, and its reliability.
-
-    .. math:: \\sqrt{\\mathrm{tr}(V C) / w^T C w}, \\quad s_c = (C_{ri,c} - C_{rr,c} w) / (1 - p_c),
-        \\quad V = C^{-1} \\Big( \\frac{G - 1}{G} \\sum_c s_c s_c^T \\Big) C^{-1}
-
-    with i the band, r its references, w their weights, C the comoments, s_c the score of cell c (of G cells), and p_c
-    the share of cell c in the comoment w^T C w of the glint. V is the cluster-robust covariance of w (CR3 of Bell and
-    McCaffrey 2002, with the leverage of the weighted sum instead of the leverage of each reference). With one reference
-    the error is the standard error of the slope divided by the slope.
-
-    The error is infinite if the sample spans fewer than `CLUSTERS` cells or the glint does not vary. The reliability is
-    the effective number of cells, (sum p)^2 / sum p^2. It is small if few clumps of sparkle contain most of the glint:
-    the error is then uncertain, too (after Carter, Schnepel and Steigerwald 2017).
-    """
-    band, (rows, w) = stats.plan.bands.index(fit.band), _references(stats, model, fit)
-    power = stats.regressed.comoment[np.ix_(rows, rows)]
-    removed = float(w @ power @ w)
-    count = len(stats.cells.n)
-    if count < CLUSTERS or not removed > 0:
-        return math.inf, 0.0
-    about = _about_the_mean(stats)
-    mixed = about[:, rows][:, :, rows] @ w
-    share = mixed @ w / removed
-    score = (about[:, rows, band] - mixed) / np.maximum(1 - share, LEAST_ELSEWHERE)[:, None]
-    scale = np.sqrt(np.maximum(np.diag(power), np.finfo(np.float64).tiny))  # references of any unit, or constant
-    scaled = power / np.outer(scale, scale)
-    half = np.linalg.pinv(scaled, hermitian=True) @ (score / scale).T
-    spread = half @ half.T * (count - 1) / count
-    return math.sqrt(max(float(np.trace(spread @ scaled)), 0.0) / removed), float(1 / (share @ share))
-
-
-def _about_the_mean(stats: SampleStatistics) -> Float64:
-    """Comoments of each cell, (cell, variable, variable), about the mean of the whole sample instead of the cell's."""
     cells = stats.cells
     away = (cells.mean - stats.regressed.mean) + (cells.rest - stats.regressed.rest)
-    return cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
-
-
-def _references(stats: SampleStatistics, model: GlintModel, fit: BandFit) -> tuple[list[int], Float64]:
-    """Indices of a band's references among the variables of the plan, and their weights: the glint index of the band
-    with its slope, if the plan has this index; else the bands of the glint index with their weights.
-    """
-    index, planned = model.indexes[fit.index], [(i.bands, i.weights) for i in stats.plan.indexes]
-    one = (index.bands, index.weights) in planned
-    parts = [(index.bands, index.weights)] if one else [((band,), (1.0,)) for band in index.bands]
-    return [len(stats.plan.bands) + planned.index(p) for p in parts], np.array([fit.slope] if one else index.weights)
+    about = cells.comoment + cells.n[:, None, None] * away[:, :, None] * away[:, None, :]
+    power_of_cell = np.diagonal(about, axis1=1, axis2=2)[:, None, bands:]
+    score = (about[:, :bands, bands:] - slope * power_of_cell) / np.maximum(1 - power_of_cell / power, LEAST_ELSEWHERE)
+    count = len(cells.n)
+    return np.sqrt((score**2).sum(axis=0) * (count - 1) / count) / power
 
 
 def explained(stats: SampleStatistics, slope: Float64) -> Float64:
