@@ -159,8 +159,7 @@ def choose(
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
-    images = (s.image + a.total for s, a in zip(sample.states, added, strict=True))
-    marked = replace(sample, states=tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True)))
+    marked = _marked(sample, added)
 
     def work(job: tuple[Candidate, bool]) -> _Run | FitError:
         candidate, signals = job
@@ -180,6 +179,13 @@ def choose(
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(wiener, failed=failed, width=disc)
     return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
+
+
+def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
+    """The sample with signals added to its tiles."""
+    images = [s.image + a.total for s, a in zip(sample.states, added, strict=True)]
+    states = tuple(replace(s, raw=i, image=i) for s, i in zip(sample.states, images, strict=True))
+    return replace(sample, states=states)
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:

@@ -12,8 +12,6 @@ from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Grouped, 
 
 log = logging.getLogger(__name__)
 
-WATERS = ChoiceFromTable("WATERS", "deglint.plan.mission")
-
 
 def at(first: str, second: str, example: str) -> Callable[..., dict[str, float] | None]:
     """Make a click callback that parses "A@B" to {first: A, second: B}, or "A" to {first: A}; A and B are numbers."""
@@ -76,7 +74,8 @@ plan_options = with_options(
     number("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
     click.option("--sensor", type=SENSOR_CHOICE, help="Sensor; thesis by default."),
     click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
-    click.option("--water", type=WATERS, help="Water scatters (default), or only absorbs."),
+    click.option("--water", type=ChoiceFromTable("WATERS", "deglint.plan.mission"),
+                 help="Water scatters (default), or only absorbs."),
     heading("What is excluded"),
     number("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
     number("--max-glint-probability", "limits.glint_probability", "SHARE",
