@@ -18,7 +18,7 @@ from ..remove import METHODS, GlintModel
 from ..scene import Scene
 from .outputs import log, log_model, log_nir, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
-from .recipe import Recipe, make_request, unused_by_model
+from .recipe import Recipe, make_request
 from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training
 
 SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
@@ -194,12 +194,14 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
     """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
     Without a chain, only `recipe.bands` are corrected. Raises InputError if the model or chain does not suit this scene
-    or the bands and NIR of the recipe, or does not use an option of it; NoWaterError if `mask` "auto" finds no water.
+    or the bands, NIR, method or stages of the recipe; NoWaterError if `mask` "auto" finds no water. Options of the
+    recipe that concern a fit are not used, nor do they appear in the recipe of the result.
     """
-    if unused := unused_by_model(vars(recipe)):
-        raise InputError(f"a given model (--model) is applied as it was fitted: leave out {unused}.")
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()
+    if recipe.method not in ("auto", model.method) or recipe.chain not in ("auto", "off", chain.text):
+        own = f"{model.method} with {f'stages {chain.text}' if chain.text else 'no stages'}"
+        raise InputError(f"the given model is {own}: leave out the recipe's method and compensate.")
     if chain.runs and [n.casefold() for n in model.band_names] != [n.casefold() for n in scene.names]:
         raise InputError(
             f"the compensation was fitted to bands {', '.join(model.band_names)} in this order; the scene has "
@@ -217,8 +219,9 @@ def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, c
         if missing := ", ".join(scene.names[b] for b in sorted(wanted - {f.band for f in model.fits})):
             raise InputError(f"the model does not correct {missing}: leave it out of -b, or fit without --model.")
         model = replace(model, fits=tuple(f for f in model.fits if f.band in wanted))
-    resolved = replace(recipe, method=model.method, regression=model.regression or "auto", sample="none")
-    fitted = Fitted(model, replace(resolved, compensate=chain.text or "off"), chain=chain)
+    used = Recipe(mask=recipe.mask, nir=recipe.nir, bands=recipe.bands, compensate=chain.text or "off")
+    resolved = replace(used, method=model.method, regression=model.regression or "auto", sample="none")
+    fitted = Fitted(model, resolved, chain=chain)
     if recipe.mask == "auto":
         overview = overview_of(scene, model.indexes[0].bands[0], threads)  # the NIR, as in a fit
         fitted = replace(fitted, water=overview.water, water_bands=overview.bands)
