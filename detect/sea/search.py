@@ -35,6 +35,7 @@ _BODY = 60
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6  # minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m
 _LEAST = 50  # a distribution is fitted to more than this number of peaks above `Clutter.low`
+_LEAST_SURVIVAL = 1e-200  # lower limit of the fraction of peaks above the highest, as a divisor: far below any real one
 _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
 
 
@@ -78,7 +79,7 @@ class Clutter:
         if above or not self.fitted:
             return max(above, 1) / self.area  # every candidate that is not confirmed counts as false
         highest, this = survival(np.array([self.peaks[-1], score]) - self.low, self.shape, self.scale).tolist()
-        return min(this / highest, 1.0) / self.area
+        return min(this / max(highest, _LEAST_SURVIVAL), 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
         """`Object.score_top` that `false_per_km2` false objects per km2 reach. Raises InputError if `area` is NaN."""
@@ -90,7 +91,7 @@ class Clutter:
             return self.low
         if wanted >= 1 or not self.fitted:
             return float(self.peaks[count - 1 - math.floor(wanted)])
-        highest = float(survival(self.peaks[-1] - self.low, self.shape, self.scale))
+        highest = max(float(survival(self.peaks[-1] - self.low, self.shape, self.scale)), _LEAST_SURVIVAL)
         return self.low + excess_at(1 / (wanted * highest), self.shape, self.scale)
 
     def threshold(self, pfa: float) -> Threshold:

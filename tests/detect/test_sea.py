@@ -160,6 +160,9 @@ def test_a_brighter_object_is_never_more_likely_false_where_the_law_ends():
     assert (np.diff(rates) <= 0).all()
     assert rates[-1] == 0
     assert clutter.false_per_km2(clutter.score_at(0.01)) == pytest.approx(0.01)
+    alone = replace(clutter, peaks=np.append(clutter.peaks, 1e6), shape=0.0)  # the distribution never gets there
+    assert alone.false_per_km2(2e6) == 0
+    assert np.isfinite(alone.score_at(0.001))
 
 
 def test_few_candidates_are_ranked_not_fitted():
