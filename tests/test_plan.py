@@ -307,7 +307,7 @@ def test_what_saturates_is_not_detectable():
         ({"sun_zenith": None}, "go together"),
         ({"reflectance": 15.0}, "Give a share"),
         ({"wind": np.nan}, "wind must be a finite number"),
-        ({"time": np.datetime64("NaT")}, "time must be like 2026-06-21T18:00Z, got NaT"),
+        ({"time": np.datetime64("NaT", "s")}, "time must be like 2026-06-21T18:00Z, got NaT"),
         ({"slopes": "nonsense"}, "slopes must be one of cox-munk"),
         ({"step": 0.0}, "step must be 0.25 to 10"),
         ({"widest": 90.0}, "widest must be"),
