@@ -169,7 +169,7 @@ def fit(
         rows = slice(row, row + CELL)
         return Part.of(image[:, rows], None if mask is None else mask[rows], (row, 0), share)
 
-    with ThreadPoolExecutor(as_threads(threads)) as pool:
+    with ThreadPoolExecutor(default_threads(threads)) as pool:
         whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
     return whole.background(covariance, ridge, names)
 
@@ -232,13 +232,6 @@ def as_image(image: Array) -> Array:
     if image.dtype.kind not in "fiu":
         raise InputError(f"expected real numbers, got {image.dtype}.")
     return image
-
-
-def as_threads(threads: int | None) -> int:
-    """Number of threads; None is one for each processor. Raises InputError if it is below 1."""
-    if threads is not None and threads < 1:
-        raise InputError(f"threads: want at least 1, got {threads}.")
-    return threads or default_threads()
 
 
 def as_mask(mask: npt.ArrayLike | None, image: Array) -> Mask | None:

@@ -23,9 +23,10 @@ import numpy as np
 
 from deglint.checks import check_choice, checked_keywords
 from deglint.errors import FitError, InputError
+from deglint.tiles import default_threads
 
 from .arrays import Array, Float64, Mask, Scores
-from .background import RIDGE, Background, as_image, as_mask, as_threads, fit
+from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
 _CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache
@@ -264,7 +265,7 @@ def _run(
     hidden = np.ma.getmask(image)
     image = as_image(image)
     mask = both(as_mask(mask, image), ~np.any(hidden, axis=0) if np.any(hidden) else None)
-    threads = as_threads(threads)
+    threads = default_threads(threads)
     if not isinstance(background, Background):
         inside = both(as_mask(background, image), mask)
         background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)

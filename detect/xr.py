@@ -16,11 +16,11 @@ from deglint.errors import InputError
 from deglint.readers.arrays import open_array
 from deglint.readers.undeclared import settled
 from deglint.scene import Scene
-from deglint.tiles import Tile
+from deglint.tiles import Tile, default_threads
 from deglint.xr import need_xarray, over_tiles
 
 from .arrays import Array
-from .background import Background, as_threads
+from .background import Background
 from .local import CELL
 from .pipeline import Recipe
 from .pipeline.plan import fit_background, fitted, make_plan
@@ -38,7 +38,7 @@ def fit(
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
     recipe = replace(recipe, method="rx") if recipe.method == "auto" else recipe
     opened = open_array(array, sensor=sensor, nodata=nodata)
-    plan = make_plan(settled(opened.scene), recipe, as_threads(threads))
+    plan = make_plan(settled(opened.scene), recipe, default_threads(threads))
     return replace(plan.given or fit_background(plan), names=plan.names)
 
 
@@ -78,7 +78,7 @@ def score(
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if background is None or recipe.mask == "water" or not hasattr(opened.values, "dask"):  # else nothing is computed
         opened = replace(opened, scene=settled(opened.scene))
-    plan = fitted(make_plan(opened.scene, recipe, as_threads(threads), background))
+    plan = fitted(make_plan(opened.scene, recipe, default_threads(threads), background))
     work = Scoring(replace(plan, scene=replace(opened.scene, source=None), tiles=[]))  # type: ignore[arg-type]
     reach = plan.halo + (plan.water[0].halo if plan.water else 0)
     step = CELL if plan.window else 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -102,7 +102,6 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     options.needs_output(inputs, output, "deglint remove")
     from ..pipeline import Outputs, Recipe, remove_glint
     from ..pipeline.outputs import load_fit
-    from ..pipeline.recipe import unused_by_model
 
     saved = given["model_in"]
     if saved and (unused := unused_by_model(given)):
@@ -122,6 +121,18 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         )  # fmt: skip
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
+
+
+def unused_by_model(given: Mapping[str, Any]) -> str:
+    """Those of the options `given` that a saved model does not use, and that do not have their default value, as text.
+
+    A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
+    """
+    from ..pipeline import Recipe
+
+    other = [f for f in fields(Recipe) if f.name not in ("mask", "nir", "bands") and given[f.name] is not None]
+    names = [f.name for f in other if given[f.name] not in (f.default, *["off"] * (f.name == "compensate"))]
+    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 def dry_run(

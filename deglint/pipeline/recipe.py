@@ -1,8 +1,7 @@
 """Options for processing a scene, the same as those of the command `deglint remove`, in an immutable object."""
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -105,16 +104,6 @@ class Recipe:
 
 
 Recipe.__init__ = checked_keywords()(Recipe.__init__)  # type: ignore[method-assign]
-
-
-def unused_by_model(options: Mapping[str, Any]) -> str:
-    """Those `options` of a `Recipe` that a given model does not use, and that do not have their default value, as text.
-
-    A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
-    """
-    other = [f for f in fields(Recipe) if f.name not in ("mask", "nir", "bands") and options[f.name] is not None]
-    names = [f.name for f in other if options[f.name] not in (f.default, *["off"] * (f.name == "compensate"))]
-    return ", ".join(f"--{name.replace('_', '-')}" for name in names)
 
 
 def band_names(value: Any, field: str) -> tuple[str, ...]:

@@ -121,8 +121,13 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
     # but Items of Sentinel-2 and PlanetScope use it so
-    names = {"sun_elevation": "sun_elevation", "sun_azimuth": "sun_azimuth", "incidence": "incidence_angle"}
-    names |= {"off_nadir": "off_nadir", "view_azimuth": "azimuth"}
+    names = {
+        "sun_elevation": "sun_elevation",
+        "sun_azimuth": "sun_azimuth",
+        "incidence": "incidence_angle",
+        "off_nadir": "off_nadir",
+        "view_azimuth": "azimuth",
+    }
     angles: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
     texts = {k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
     tags = tags_of(texts | angle_tags(**angles))

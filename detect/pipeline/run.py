@@ -31,7 +31,7 @@ from deglint.scene import Scene
 from deglint.timing import Reporter
 
 from .. import sea
-from ..background import Background, as_threads
+from ..background import Background
 from ..local import STATES
 from ..threshold import Tail, Threshold
 from .features import motions
@@ -120,7 +120,7 @@ def score_file(
     reading = {name: options.pop(name) for name in READING if name in options}
     outputs: dict[str, Any] = {k: Path(v) if k in FILES and v else v for k, v in options.items()}
     targets = Outputs(Path(image), **outputs)
-    threads = as_threads(threads)
+    threads = tiling.default_threads(threads)
     targets.check(recipe)
     with environment(), threadpool_limits(1, user_api="blas"):  # tiles already occupy all threads
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]

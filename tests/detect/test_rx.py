@@ -246,7 +246,7 @@ def test_refusals():
     with pytest.raises(InputError, match="the image has 3 bands, the background 5"):
         rx.rx(image_of()[:3], background.fit(image_of()))
     for function in (rx.rx, background.fit):
-        with pytest.raises(InputError, match="threads: want at least 1, got -1"):
+        with pytest.raises(InputError, match="threads: want a number from 1 to 1024, got -1"):
             function(image_of(), threads=-1)
 
 

@@ -69,9 +69,14 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
         bands.append(replace(band, scale=factor / width, unit=PRODUCT_UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
-    facts = {"acquired": ("FIRSTLINETIME", "TLCTIME"), "sun_azimuth": ("MEANSUNAZ",), "sun_elevation": ("MEANSUNEL",)}
-    facts |= {"view_azimuth": ("MEANSATAZ",), "view_elevation": ("MEANSATEL",)}
-    facts |= {"off_nadir_angle": ("MEANOFFNADIRVIEWANGLE",)}
+    facts = {
+        "acquired": ("FIRSTLINETIME", "TLCTIME"),
+        "sun_azimuth": ("MEANSUNAZ",),
+        "sun_elevation": ("MEANSUNEL",),
+        "view_azimuth": ("MEANSATAZ",),
+        "view_elevation": ("MEANSATEL",),
+        "off_nadir_angle": ("MEANOFFNADIRVIEWANGLE",),
+    }
     tags = tags_of({"satellite": title} | {k: said(root, *(f".//{n}" for n in names)) for k, names in facts.items()})
     known = title if satellite in _SATELLITES else "Maxar"
     kind = f"{known} {said(root, './/PRODUCTLEVEL')}".strip()

@@ -55,8 +55,11 @@ def find(container: Container) -> Product | None:
     level = level or ("2A" if any("_L2A" in n or "MSIL2A" in n for n in (container.path, *images)) else "1C")
     safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
     name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
-    facts = {"satellite": "SPACECRAFT_NAME", "acquired": "PRODUCT_START_TIME"}
-    facts |= {"processing_baseline": "PROCESSING_BASELINE"}
+    facts = {
+        "satellite": "SPACECRAFT_NAME",
+        "acquired": "PRODUCT_START_TIME",
+        "processing_baseline": "PROCESSING_BASELINE",
+    }
     tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
     tags |= _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
