@@ -4,6 +4,7 @@ import math
 import sqlite3
 import struct
 from collections.abc import Sequence
+from contextlib import closing
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -203,7 +204,7 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
     columns = {k: types.get(type(v), "TEXT") for k, v in known.items()}
     srs = 4326 if geographic else -1
     whole = bounds(document) if rows else (None,) * 4
-    with sqlite3.connect(place) as db:
+    with closing(sqlite3.connect(place)) as db, db:  # sqlite3 ends the transaction, and does not close
         db.executescript(sql)
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
         db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
@@ -217,7 +218,6 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
             [(_binary(feature["geometry"], srs), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
              for row, feature in zip(rows, document["features"], strict=True)],
         )  # fmt: skip
-    db.close()
 
 
 def _binary(geometry: dict[str, Any], srs: int) -> bytes:

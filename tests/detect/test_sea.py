@@ -4,6 +4,7 @@ import json
 import re
 import sqlite3
 import struct
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -227,7 +228,7 @@ def test_geopackage_holds_what_geojson_does(rxdetect, scene, tmp_path):
         ran = rxdetect("score", scene, tmp_path / "o.tif", "--pfa", "1e-3", "--objects", tmp_path / name, "--overwrite")
         assert ran.code == 0, ran.err
     features = json.loads((tmp_path / "found.geojson").read_text())["features"]
-    with sqlite3.connect(tmp_path / "found.gpkg") as db:
+    with closing(sqlite3.connect(tmp_path / "found.gpkg")) as db:
         assert db.execute("PRAGMA application_id").fetchone()[0] == 0x47504B47
         rows = db.execute("SELECT geom, label, longitude, kind FROM objects ORDER BY fid").fetchall()
         assert db.execute("SELECT srs_id FROM gpkg_contents").fetchone() == (4326,)
