@@ -100,8 +100,8 @@ QUICK = {
     "wide": ("p124_w9_wv3", "f30_w12_0ms", "shallow_texture_w7_0ms", "resampled_cubic_w9_60ms", "discs_w9_60ms"),
 }
 
-
 WITHOUT_FOAM = 1.1  # largest NIR of water without foam, over the level of the water: foam in 0.1 % of a pixel adds more
+FOAM_BESIDE = 3  # side of the square around a pixel without foam [pixel]: bands are misregistered by less than a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,8 @@ class Known:
             covers = open_scene(cover).read()
             counts = cv2.dilate((covers > 0).any(axis=0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
             if (covers == FOAM).any():  # less of it than half a pixel is not marked, and is part of the truth
-                counts &= truth[-1] <= WITHOUT_FOAM * level[-1]
+                foam = truth[-1] > WITHOUT_FOAM * level[-1]
+                counts &= cv2.dilate(foam.astype(np.uint8), np.ones((FOAM_BESIDE, FOAM_BESIDE), np.uint8)) == 0
         visible = tuple(i for i, b in enumerate(bands) if b.wavelength and b.wavelength < VISIBLE)
         return cls(path, truth, level, counts, visible or tuple(range(len(bands) - 1)))
 

@@ -5,6 +5,7 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from deglint.compensate.spectra import brightness, reflectances
 from deglint.compensate.state import Sample, Setting, State, full_scale
@@ -101,6 +102,24 @@ def test_what_covers_much_of_the_water_is_texture(share, refused):
     image[:, bright] += (COLOURS["blue"] / 8 * light() * (WAVELENGTHS < 700))[:, None]  # sand under some metres
     _state, stage = fitted(image, clean)
     assert ("texture" in stage.reason) == refused
+
+
+def test_texture_of_the_bottom_counts_as_noise_and_faint_glint_does_not():
+    image, clean, _ = scene()
+    rng, own, rest = np.random.default_rng(8), 3e-4, 0.25  # sparkle is on a tenth of the pixels of each band
+    texture = np.array([3, 4, 5, 2, 1, 0, 0, 0]) * own
+    bottom = texture[:, None, None] * rng.standard_normal(clean.shape[1:])
+    waves = gaussian_filter(rng.standard_normal(clean.shape[1:]), 2) * 7
+    direct = irradiance(WAVELENGTHS, 40.0).direct
+    glint = 3 * own * waves * direct[:, None, None] / direct.max()
+
+    def found(added):
+        stage = fitted((image + added).astype(np.float32), clean)[1]
+        return np.array(stage.noise) * stage.light
+
+    np.testing.assert_allclose(found(0), own, rtol=rest)
+    np.testing.assert_allclose(found(glint), own, rtol=rest)
+    np.testing.assert_allclose(found(bottom), np.hypot(own, texture), rtol=rest)
 
 
 def test_dense_boats_are_targets():

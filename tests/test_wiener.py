@@ -90,6 +90,14 @@ def test_without_glint_nothing_is_changed():
     np.testing.assert_array_equal(remove.apply(block, model), block)
 
 
+def test_a_constant_band_has_no_noise_that_could_be_removed():
+    block = swell_block()
+    block[:3] = WATER[:3]
+    model = fitted(block)
+    assert model.fits == ()
+    assert "takes 0.0% off the noise" in model.warnings[0]
+
+
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e3])
 def test_the_unit_does_not_matter(factor):
     block = swell_block()

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ from .spectra import Flash, Model, Places
 from .state import LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
+Value = TypeVar("Value", bound=np.generic)
 
 RATE, TOGETHER = 1e-5, 2.8
 """`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
@@ -48,10 +49,9 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
-MANY_FOUND, UNEXPLAINED, LIKELIER, CHANGING = 0.003, 5.0, 0.7, 0.2
-"""`MANY_FOUND`: detections on more than this share of water may be flashes that last (0.4 to 3 %); 0.3 % is a boat
-on each hectare. `UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. Then
-the mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
+UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
+"""`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. For such pixels the
+mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
 -0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
@@ -63,6 +63,7 @@ SAME_PEAK, OUTLINE_REACH = 0.7, 2
 """`SAME_PEAK`: in a common peak, each band has at least 0.7 of its maximum over 3 x 3 pixels (not 1: noise and blur).
 `OUTLINE_REACH`: the edge of a target, blurred or hidden by sparkle in one band, extends over two pixels."""
 DARK_FROM = 700.0  # wavelength from which water is dark, so that bands show mainly sparkle [nm]
+NORMAL_BELOW = 0.1587  # share of a normal distribution that is more than one standard deviation below its median
 EXCESS_BINS, LOW = 40, -3.0
 """Number of bins of the histograms of asinh(excess / noise), and their lower end (an excess of -10 times the noise). A
 bin spans a factor of about 1.3, by which noise and blur vary a steady light."""
@@ -77,7 +78,7 @@ class Targets:
     wavelengths: Sequence[float] = ()  # their centres [nm]
     widths: Sequence[float] = ()  # their full widths [nm]
     light: Sequence[float] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
-    noise: Sequence[float] = ()  # standard deviation of noise over `light`
+    noise: Sequence[float] = ()  # standard deviation of noise, and of texture of the water, over `light`
     water: Sequence[float] = ()  # radiance of water over `light`
     glint: Sequence[float] = ()  # relative radiance of glint over `light`
     time: Sequence[float] = ()  # time offset [s]
@@ -278,12 +279,12 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
         stage = replace(stage, full=tuple(full_scale(sample, setting)[order].tolist()))
     blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
     planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
-    top = max(float(e[:, m].max(initial=1)) for e, m in zip(planes, sample.inside, strict=True))
-    stage = replace(stage, top=float(np.arcsinh(top)) + 1e-3)
 
-    def pixels(blocks: Sequence[Places]) -> Places:
-        return np.concatenate([b[:, m] for b, m in zip(blocks, sample.inside, strict=True)], axis=1)
+    def pixels(blocks: Sequence[npt.NDArray[Value]]) -> npt.NDArray[Value]:
+        return np.concatenate([b[..., m] for b, m in zip(blocks, sample.inside, strict=True)], axis=-1)
 
+    excess = pixels(planes)
+    stage = replace(with_texture(stage, excess), top=float(np.arcsinh(excess.max(initial=1))) + 1e-3)
     bins = [stage.binned(e) for e in planes]
     q = pixels(bins)
     stage = histograms(stage, q, t)
@@ -295,11 +296,8 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(displaced, stage)[-1].mean())
     rate = number or RATE
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
-    stage = replace(stage, threshold=float(threshold))
+    stage = with_flashes(replace(stage, threshold=float(threshold)), excess)
     share = found_share(stage, blocks, sample)
-    if share > MANY_FOUND:
-        stage = with_flashes(stage, [e[:, m] for e, m in zip(planes, sample.inside, strict=True)])
-        share = found_share(stage, blocks, sample) if stage.flash_share else share
     if share > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
     return stage
@@ -329,9 +327,24 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
 
-def with_flashes(stage: Targets, sample: Sequence[Float32]) -> Targets:
-    """The stage, with `flash_share` set if flashes that last are frequent; `sample`: excess (band, pixel) by block."""
-    e = np.concatenate(sample, axis=1)
+def with_texture(stage: Targets, e: Float32) -> Targets:
+    """The stage with a `noise` that includes texture of the water, such as a bottom; `e`: excess (band, pixel).
+    The standard deviation is that of the darker half of the pixels that are not lit in bands with dark water. There
+    glint has its spectrum, and at most the variance of the least varying band with dark water: this is subtracted.
+    """
+    s, glint = np.array(stage.noise), np.array(stage.glint)
+    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
+    quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]
+    if not dark or not quiet.size:
+        return stage
+    below, middle = np.percentile(quiet, [100 * NORMAL_BELOW, 50], axis=1)
+    of_glint = np.min((middle - below)[dark] / glint[dark]) * glint
+    variance = np.maximum((middle - below) ** 2 - of_glint**2, s**2)
+    return replace(stage, noise=tuple(np.sqrt(variance).tolist()))
+
+
+def with_flashes(stage: Targets, e: Float32) -> Targets:
+    """The stage, with `flash_share` set if flashes that last are frequent; `e`: excess (band, pixel) of the sample."""
     lit = e[:, (e > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
     target = spectra.target_likelihoods(lit, stage.models)[0]
     flash, white = (spectra.flash_likelihoods(lit, stage.flashes(c)) for c in (spectra.CHANGE, spectra.NO_CHANGE))

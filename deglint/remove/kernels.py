@@ -202,11 +202,12 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's total power."""
-    power = np.maximum(total[outputs, outputs], np.finfo(float).tiny)
-    alone = len(groups) == 1
+    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's total power.
+    The sum over the groups is 1 for a constant band: it has no noise that a kernel could remove.
+    """
+    power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
-    return np.array(left) / power
+    return np.where(power > 0, np.array(left) / np.where(power > 0, power, 1), 1 / len(groups))
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
