@@ -99,7 +99,7 @@ def over_time(given: Given, mission: Any, console: Console) -> None:
 
 
 def under_winds(given: Given, mission: Any, _console: Console) -> None:
-    """Make a plan for an uncertain wind: viewing geometries with acceptable glint for all winds of an interval."""
+    """Make a plan for an uncertain wind: geometries that no wind of an interval excludes."""
     found = sweep.WindEnsemble(mission, **given["wind_within"])
     _finish(given, lambda: wind_picture(found), found.numbers(), found.words())
 

@@ -38,6 +38,10 @@ brightness: of a flash that lasts, large enough for any rise or fall; and of a w
 TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 """Standard deviations of the background and of the water that a target hides, relative to the radiance of water."""
 
+UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
+"""`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. For such pixels the
+mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
+-0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
 blur differs between bands (0.7 to 2 % at f/10, less for extended targets), and for sparkle."""
@@ -143,6 +147,20 @@ def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
         form, constant = of_flashes[n]
         likelihood[i] = constant - form @ x
     return likelihood
+
+
+def lasting_flashes(
+    e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Flash], of_white: list[Flash]
+) -> npt.NDArray[np.bool_]:
+    """Mask (pixel,) of flashes that last, among pixels that are lit in all bands; all False where they are rare.
+    `sparkle` is their log likelihood as sparkle that changes; `of_white` are models by `flashes` with `NO_CHANGE`.
+    """
+    target = target_likelihoods(e, of_targets)[0]
+    flash, white = (flash_likelihoods(e, models) for models in (of_flashes, of_white))
+    unexplained = np.maximum(target, flash) - sparkle > UNEXPLAINED
+    ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)
+    frequent = unexplained.any() and (ratios[:, unexplained].mean(axis=1) > (LIKELIER, CHANGING)).all()
+    return np.asarray(unexplained & (ratios[0] > 0) & frequent)
 
 
 def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,6 @@ from .spectra import Flash, Model, Places
 from .state import LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
-Value = TypeVar("Value", bound=np.generic)
 
 RATE, TOGETHER = 1e-5, 2.8
 """`RATE`: default false-alarm rate: a pixel of sparkle reaches S = ln(1 / rate) with a probability of at most `rate`.
@@ -49,10 +48,6 @@ LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter o
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
-UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
-"""`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. For such pixels the
-mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
--0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 COMMON = 0.1  # share of water above which detections are texture of the bottom (14 to 32 %); dense boats cover 6 %
 MEAN_WINDOW = 15  # side of the local mean that replaces a missing background [pixel]: three times a target of 5 pixels
 DISPLACEMENTS = 37, 53  # (row, column) of later bands to simulate false alarms; wider than clumps [pixel]
@@ -121,6 +116,11 @@ class Targets:
     def _steps(self) -> Float32:
         """Log probability of each bin, given the bin in the band before (`following`): (table, bin before, bin)."""
         return np.array(self.following, np.float32).reshape(-1, EXCESS_BINS, EXCESS_BINS)
+
+    @property
+    def dark(self) -> list[int]:
+        """Positions in `bands` of the bands in which water is dark, so that they show mainly sparkle (`DARK_FROM`)."""
+        return [b for b, w in enumerate(self.wavelengths) if w >= DARK_FROM]
 
     @property
     def lit(self) -> int:
@@ -204,7 +204,6 @@ class Excess:
         over 3 x 3 pixels; where it exceeds ln(1 / `RATE`), the log likelihood ratio of a common `outline` is added.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
-        dark = [i for i, w in enumerate(self.stage.wavelengths) if w >= DARK_FROM]
         S, known, kind = np.zeros(shape, np.float32), self.saturated(), np.zeros(shape, np.uint8)
 
         def weigh(where: Mask) -> Float32:
@@ -213,8 +212,8 @@ class Excess:
             known.flat[i], e = True, self.at(i)
             bright = e > least
             lit = bright.sum(axis=0) >= FEWEST_LIT
-            if self.afloat and dark:
-                lit &= bright[dark].any(axis=0)
+            if self.afloat and self.stage.dark:
+                lit &= bright[self.stage.dark].any(axis=0)
             found, kind.flat[i[lit]] = self.stage.score(e[:, lit])
             S.flat[i[lit]] = np.where(found > LONE, found, 0)
             return box_sum(S, 3)
@@ -280,25 +279,26 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
     blocks = [Excess.of(stage, s.raw, s.background) for s in sample.states]
     planes = [x.at(np.arange(x.raw[0].size)).reshape(-1, *x.raw[0].shape) for x in blocks]
 
-    def pixels(blocks: Sequence[npt.NDArray[Value]]) -> npt.NDArray[Value]:
+    def pixels(blocks: Sequence[Float32]) -> Float32:
         return np.concatenate([b[..., m] for b, m in zip(blocks, sample.inside, strict=True)], axis=-1)
 
     excess = pixels(planes)
     stage = replace(with_texture(stage, excess), top=float(np.arcsinh(excess.max(initial=1))) + 1e-3)
-    bins = [stage.binned(e) for e in planes]
-    q = pixels(bins)
+    q = stage.binned(excess)
     stage = histograms(stage, q, t)
     if (lasts := lasting_share(q, stage)) > LASTING:
         return Targets(reason=f"{lasts:.0%} of the sparkle lasts in all bands: nothing distinguishes targets from it")
     later = int(np.diff(t).round(6).argmax()) + 1  # after the longest pause
     # with later bands displaced, brightness stays the same by chance only
-    displaced = pixels([np.concatenate([b[:later], np.roll(b[later:], DISPLACEMENTS, (1, 2))]) for b in bins])
-    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(displaced, stage)[-1].mean())
+    displaced = pixels([np.concatenate([e[:later], np.roll(e[later:], DISPLACEMENTS, (1, 2))]) for e in planes])
+    lasting = max(extrapolated(steady(q, stage).mean(axis=1)), steady(stage.binned(displaced), stage)[-1].mean())
     rate = number or RATE
     threshold = TOGETHER * np.log(1 / rate) + LIT_TOGETHER * np.log(max(lasting / (SPECTRA_ALIKE * rate), 1))
-    stage = with_flashes(replace(stage, threshold=float(threshold)), excess)
-    share = found_share(stage, blocks, sample)
-    if share > COMMON:
+    lit = excess[:, (excess > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
+    flashes = stage.flashes(), stage.flashes(spectra.NO_CHANGE)
+    frequent = spectra.lasting_flashes(lit, stage.sparkle(lit), stage.models, *flashes).sum() / excess.shape[1]
+    stage = replace(stage, threshold=float(threshold), flash_share=float(frequent))
+    if (share := found_share(stage, blocks, sample)) > COMMON:
         return Targets(reason=f"{share:.0%} of the water would be targets: that is texture of the bottom")
     return stage
 
@@ -329,29 +329,16 @@ def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> flo
 
 def with_texture(stage: Targets, e: Float32) -> Targets:
     """The stage with a `noise` that includes texture of the water, such as a bottom; `e`: excess (band, pixel).
-    The standard deviation is that of the darker half of the pixels that are not lit in bands with dark water. There
-    glint has its spectrum, and at most the variance of the least varying band with dark water: this is subtracted.
+    It is the deviation of the darker half of the pixels that are not lit in bands with dark water, less that of glint,
+    which has its own spectrum and at most the deviation of the least varying band with dark water.
     """
-    s, glint = np.array(stage.noise), np.array(stage.glint)
-    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
+    s, glint, dark = np.array(stage.noise), np.array(stage.glint), stage.dark
     quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]
     if not dark or not quiet.size:
         return stage
     below, middle = np.percentile(quiet, [100 * NORMAL_BELOW, 50], axis=1)
     of_glint = np.min((middle - below)[dark] / glint[dark]) * glint
-    variance = np.maximum((middle - below) ** 2 - of_glint**2, s**2)
-    return replace(stage, noise=tuple(np.sqrt(variance).tolist()))
-
-
-def with_flashes(stage: Targets, e: Float32) -> Targets:
-    """The stage, with `flash_share` set if flashes that last are frequent; `e`: excess (band, pixel) of the sample."""
-    lit = e[:, (e > EXCEEDS * np.array(stage.noise, np.float32)[:, None]).all(axis=0)]
-    target = spectra.target_likelihoods(lit, stage.models)[0]
-    flash, white = (spectra.flash_likelihoods(lit, stage.flashes(c)) for c in (spectra.CHANGE, spectra.NO_CHANGE))
-    unexplained = np.maximum(target, flash) - stage.sparkle(lit) > UNEXPLAINED
-    ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)[:, unexplained]
-    frequent = ratios.size > 0 and (ratios.mean(axis=1) > (LIKELIER, CHANGING)).all()
-    return replace(stage, flash_share=float((ratios[0] > 0).sum() / e.shape[1])) if frequent else stage
+    return replace(stage, noise=tuple(np.sqrt(np.maximum((middle - below) ** 2 - of_glint**2, s**2)).tolist()))
 
 
 def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
@@ -361,8 +348,7 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     """
     import cv2
 
-    dark = [b for b, w in enumerate(stage.wavelengths) if w >= DARK_FROM]
-    dark = dark if len(dark) > 1 else list(range(len(t)))
+    dark = stage.dark if len(stage.dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
     smooth = cv2.getGaussianKernel(7, 1.5)
     counts = np.bincount(q[dark].ravel(), minlength=EXCESS_BINS).astype(np.float64)

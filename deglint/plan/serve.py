@@ -16,7 +16,6 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import DeglintError, InputError
 from ..physics._checks import choice
@@ -139,7 +138,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
         mission = replace(mission, sensor=PRESETS[sensor], bands=())
     plan = reticle(mission)
     band = asked.get("band") or None
-    thin = np.ix_(*map(_thinned, plan.combined.shape))
+    thin = np.ix_(*(np.rint(np.linspace(0, n - 1, -(-(n - 1) // _THIN) + 1)).astype(int) for n in plan.combined.shape))
     return {
         "picture": base64.b64encode(png(picture(plan, band=band))).decode(),
         "words": description(best_geometry(plan, band=band)),
@@ -150,11 +149,6 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
             "glint": np.log10(np.maximum(plan.glint_probability[thin], 1e-12)).round(1).tolist(),
         },
     }
-
-
-def _thinned(count: int) -> npt.NDArray[np.intp]:
-    """Indices of about every `_THIN`-th of `count` zenith angles or azimuths, both ends included."""
-    return np.rint(np.linspace(0, count - 1, -(-(count - 1) // _THIN) + 1)).astype(np.intp)
 
 
 def _start(base: Mission) -> dict[str, Any]:

@@ -79,15 +79,12 @@ def _interpolated(values: Floats, place: Floats, axis: int, *, nodes: int, perio
     first = np.floor(place).astype(int)
     first = (first if periodic else np.clip(first, reach, count - 2 - reach)) - reach
     shape = [-1 if k == axis else 1 for k in range(values.ndim)]
+    x = place - first  # the nodes that are used are at 0 to `nodes` - 1
+    weights = [np.prod([(x - j) / (i - j) for j in range(nodes) if j != i], axis=0) for i in range(nodes)]
     return sum(
         np.take(values, (first + i) % count, axis=axis) * weight.astype(np.float32).reshape(shape)
-        for i, weight in enumerate(_weights(place - first, nodes))
+        for i, weight in enumerate(weights)
     )
-
-
-def _weights(x: Floats, nodes: int) -> list[Floats]:
-    """Weights of the nodes 0 to `nodes` - 1 for interpolation to positions x in this range: one array for each node."""
-    return [np.prod([(x - j) / (i - j) for j in range(nodes) if j != i], axis=0) for i in range(nodes)]
 
 
 def _facet_sums(

@@ -48,7 +48,7 @@ class FileBands:
         )
 
     def declared(self, nodatas: tuple[float | None, ...]) -> Self:
-        """A copy with other nodata values; if all are the same number, resampling leaves it out."""
+        """A copy with other nodata values; if all are one number, warping (`warp`) ignores pixels with it."""
         if self.warp is None or nodatas[0] is None or not all(same_nodata(nodatas[0], n) for n in nodatas):
             return replace(self, nodatas=nodatas)
         warp = {**self.warp, "add_alpha": False, "src_nodata": nodatas[0], "nodata": nodatas[0]}

@@ -283,7 +283,7 @@ def _discard(*paths: Path) -> None:
 
 @contextlib.contextmanager
 def write_errors(target: Path) -> Iterator[None]:
-    """Convert errors in a `with` block that writes `target` to WriteError or InputError with a message of one line."""
+    """Convert errors of a `with` block that writes `target`: of GDAL or disk to WriteError, of values to InputError."""
     try:
         yield
     except WriteError:

@@ -2,7 +2,7 @@
 
 Over deep water the slope of a band against the NIR is determined by glint, but slow changes of colour bias it. After
 subtraction of a local mean from every band, the slope is nearly constant over the sea. Where land or the edge of a tile
-covers a part of the window, the mean is that of one side of the pixel only; `detrend_plane` then fits a local plane.
+covers a part of the window, the mean is that of one side of the pixel only; `detrend_plane` fits a local plane instead.
 """
 
 from functools import partial

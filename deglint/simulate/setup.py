@@ -221,7 +221,7 @@ def experiments(
     """Yield a name and a setup for every combination of wind, viewing geometry, delay between bands, and f-number.
 
     `winds` are in [m/s], `delays` from each band to the next in [s]; geometries are `LOOKS`, f-numbers `F_NUMBERS`.
-    All but the seed is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree], f-number.
+    All else but the seed is as in `base`. A name holds wind [m/s], delay [ms], an entry of `LOOKS` [degree], f-number.
     Setups that differ only in delay or f-number have the same seed, and therefore the same sea.
 
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
