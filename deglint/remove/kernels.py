@@ -202,12 +202,11 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's total power.
-    The sum over the groups is 1 for a constant band: it has no noise that a kernel could remove.
-    """
+    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's total power."""
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
-    return np.where(power > 0, np.array(left) / np.where(power > 0, power, 1), 1 / len(groups))
+    shares = np.array(left) / np.maximum(power, np.finfo(float).tiny)
+    return np.where(power > 0, shares, 1 / len(groups))  # a constant band has no noise that a kernel could remove
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
