@@ -93,7 +93,7 @@ class Targets:
         return 0 if self.reason else MEAN_WINDOW // 2 + 1 + 1 + 1 + 1 + 3 + 1 + 1 + OUTLINE_REACH + 1
 
     def apply(self, state: State) -> State:
-        """Set `State.targets`; without a background, also subtract it from the image. No change if `reason` is set."""
+        """Set `State.targets`, and subtract them from the image if there is no background. No change if `reason`."""
         if self.reason:
             return state
         excess = Excess.of(self, state.raw, state.background)

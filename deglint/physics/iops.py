@@ -25,7 +25,7 @@ CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water a
 
 
 class Iops(NamedTuple):
-    """Inherent optical properties [1/m]: total absorption, and backscattering by water and by particles."""
+    """Inherent optical properties [1/m] at wavelengths: total absorption; backscattering by water and by particles."""
 
     absorption: Array
     water_backscattering: Array

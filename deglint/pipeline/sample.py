@@ -184,7 +184,7 @@ def offshore(tiles: Sequence[SampleTile], size: int) -> list[SampleTile]:
 
 
 def fit_training(job: Job, training: Sequence[Training], text: str, method: str) -> tuple[Chain, GlintModel, Sampled]:
-    """Fit the chain `text` and a method to training tiles; describe the sample. For text "off", fit only `wiener`."""
+    """Fit chain `text` and `method` to training tiles; describe the sample. For "off": no chain, always `wiener`."""
     if text != "off":
         found = fit_chain(text, sample_of(training), setting(job), partial(fit_removal, job, training, method))
         chain, model = found.chain, found.model
