@@ -70,7 +70,7 @@ def read_order(path: str, directory: str | None = None) -> BatchConfig:
     """Read a recipe file, TOML with the tables of `BatchConfig`; a given `directory` replaces that of the file.
 
     Raises ReadError if the file cannot be read, and InputError if it is not TOML or has a name or value that is not
-    allowed, such as an output directory above the current one.
+    allowed, such as an output directory that leads out of the current one by ".." (a given `directory` may).
     """
     document = read_toml(path, "recipe")
     of_output = ["directory", "name", "extras", "dtype", "options"]
@@ -163,7 +163,7 @@ def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before it is processed, and why; "failed" if its outputs are altered or from another job."""
+    """Status of a scene before processing, and why; "failed" if outputs are altered, or of another recipe or input."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -270,7 +270,7 @@ class _Worker:
         theirs.close()
 
     def run(self, job: Job) -> Outcome:
-        """Run a job in the worker process and return its outcome; log records of the worker are logged here."""
+        """Run a job in the worker process and return its outcome, "failed" after a crash; log its records here."""
         begun = time.perf_counter()
         if not self.process.is_alive():
             self.start()

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 def nearest(word: str, known: list[str]) -> str:
-    """Suggestion "; did you mean X?" if one of the known words is similar to `word`, else an empty string.
+    """Suggestion "; did you mean X?" if a known word is similar to `word`, but not equal to it; else an empty string.
 
     >>> nearest("hedly", ["hedley", "joyce"]), nearest("magic", ["hedley", "joyce"]), nearest("nir", ["nir"])
     ("; did you mean 'hedley'?", '', '')
@@ -27,7 +27,7 @@ def nearest(word: str, known: list[str]) -> str:
 
 
 def checked_keywords(*more: str) -> Callable[[Callable[Args, T]], Callable[Args, T]]:
-    """Decorate a function so that an unknown keyword raises TypeError, which suggests the closest known keyword.
+    """Decorate a function so that an unknown keyword raises TypeError, which suggests a similar one or lists all.
 
     `more` are keywords that the function accepts through ``**``.
     """

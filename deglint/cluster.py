@@ -38,7 +38,7 @@ class Cluster:
     ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
         """Call `work` on every tile and yield (tile, result) in order; for threads, `deglint.tiles.run` does the same.
 
-        Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a worker lacks memory.
+        Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
         """
         import cloudpickle
 
@@ -94,7 +94,7 @@ class Cluster:
 
 
 def check_cluster(address: str | None, workers: int | None, memory: str) -> None:
-    """Raise InputError for arguments of `connect` that are malformed; nothing is connected or started."""
+    """Raise InputError for arguments with which `connect` raises InputError; nothing is connected or started."""
     if (address is None) == (workers is None) or (workers is not None and workers < 1):
         raise InputError("want the address of a cluster or a number of workers from 1, one of the two.")
     if not re.fullmatch(r"auto|\d+(\.\d+)? ?[kKMGT]i?B", memory):

@@ -169,7 +169,7 @@ def cell_moments(
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
-    """Number and slice of each cell along an axis of a block, which has `length` pixels from scene pixel `first` on."""
+    """Index in the scene and slice in the block of each cell of an axis; the block has `length` pixels from `first`."""
     numbers = range(first // cell, -(-(first + length) // cell)) if length else range(0)
     return [(k, slice(max(k * cell - first, 0), min((k + 1) * cell - first, length))) for k in numbers]
 

@@ -44,7 +44,7 @@ def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
 def box_sum(values: npt.NDArray[Any], side: int, depth: int = -1) -> npt.NDArray[Any]:
     """Sum of values (row, column) over the `side` x `side` pixels around each pixel; values outside the image are 0.
 
-    The result has the data type of the values, or the OpenCV type `depth` if given. Sums of integers are exact.
+    The result has the data type of the values, or the OpenCV type `depth`. Sums of integers that it can hold are exact.
     """
     import cv2
 

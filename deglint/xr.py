@@ -151,7 +151,7 @@ def remove(
     ----------
     array : DataArray or Dataset
         A Dataset has one variable for each band, as odc-stac gives it, or variables with a dimension band. Each entry
-        of a further dimension, such as time, is processed as a separate scene; one without water or fit is copied.
+        of a further dimension, such as time, is a separate scene, and is copied if it has no water or the fit fails.
     recipe, dtype, threads, sensor, nodata
         As in `fit` and `apply`.
 
@@ -189,7 +189,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on an array with one entry along a `dimension`; without water or fit, log it and return the array."""
+    """Call `work` on an array of one entry of `dimension`; on NoWaterError or FitError, log and return the array."""
     try:
         return work(array)
     except (NoWaterError, FitError) as error:
@@ -222,7 +222,7 @@ def stack(dataset: Any) -> Any:
     Raises
     ------
     InputError
-        If the variables differ in their dimensions, none has two or more, or several have a dimension band.
+        If the variables of two or more dimensions differ in them, there are none, or several have a dimension band.
     """
     if deep := _with_bands(dataset):
         if len(deep) > 1:
@@ -308,7 +308,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Sizes [pixel] of chunks along an axis, with edges moved up to multiples of `step`; each is at least `least`."""
+    """Chunk sizes along an axis [pixel]; edges move up to multiples of `step`, and drop out if nearer than `least`."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

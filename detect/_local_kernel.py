@@ -14,7 +14,7 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Sum values[k + m * step], m < width, to out[k]; the last (width - 1) * step are invalid. All (n,), all change."""
+    """Sum values[k + m * step], m < width, to out[k], not valid in the last (width - 1) * step. All (n,) change."""
     done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:

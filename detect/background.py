@@ -158,7 +158,7 @@ def fit(
     FitError
         Fewer than two pixels are valid (for "mcd": in the sample), or the squares of values exceed double precision.
     InputError
-        The value of `covariance`, `ridge` or `threads` is not allowed, or the shapes of image and mask differ.
+        `covariance`, `ridge` or `threads` is not allowed, the image is empty or not as above, or the mask does not fit.
     """
     image = as_image(image)
     mask = as_mask(mask, image)

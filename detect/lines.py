@@ -54,7 +54,7 @@ class LineScorer:
         Parameters
         ----------
         line : (band, column) array
-            NaN where not valid.
+            NaN or infinity, in any band, where a pixel is not valid.
 
         Returns
         -------
@@ -64,7 +64,7 @@ class LineScorer:
         Raises
         ------
         InputError
-            The line is not (band, column), the number of bands changes, or a value is beyond +-1e150.
+            The line is not (band, column), the number of bands changes, or a value of a valid pixel is beyond +-1e150.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):

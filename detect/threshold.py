@@ -219,8 +219,8 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     k of n scores x exceed u, the start of the tail: P(x > u + y) = (k/n) (1 + shape y / scale)^(-1/shape). Shape and
     scale are maximum-likelihood estimates (Grimshaw 1993). The threshold is u + scale/shape ((n pfa / k)^(-shape) - 1);
     its standard error comes from the delta method (Coles 2001, eq. 4.12-4.15). `Threshold.numbers` holds the
-    parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid, one
-    is infinite, or `pfa` is out of range, and FitError if too few scores of the tail differ or the tail ends abruptly.
+    parameters and the Kolmogorov distance of distribution and scores. Raises InputError if no score is valid, one is
+    infinite, or `pfa` is out of range; FitError if too few scores differ, the tail ends abruptly or a value overflows.
     """
     _check(pfa)
     tail = _tail(scores, pfa)

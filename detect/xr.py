@@ -54,11 +54,11 @@ def score(
     array, sensor, nodata, threads
         DataArray with the dimensions y, x and band; `sensor`, `nodata` and `threads` are as in `deglint.xr.fit`.
     recipe : Recipe or str
-        Options of the detection, or the name of a method; options of thresholds and objects are ignored.
+        Options of the detection, or the name of a method, not "lines"; options of thresholds and objects are ignored.
     background : Background, optional
         A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, no
-        pixel of a lazy array is looked at now: declare its nodata, or pass `nodata`. Not for "sea" and "local", which
-        have a background of their own for every pixel; "auto" selects "rx".
+        pixel of a lazy array is looked at now, except for the mask "water": declare its nodata, or pass `nodata`. Not
+        for "sea" and "local", which have a background of their own for every pixel; "auto" selects "rx".
 
     Returns
     -------

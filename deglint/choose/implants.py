@@ -118,7 +118,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
     """Contrast (row, column) of discs of a `width` [pixel], half of them bright and half dark; 0 elsewhere.
 
-    The centres are about four widths, and at least 16 pixels, apart, from the first row and column of `inside` on.
+    The centres are about four widths apart, or 16 pixels if that is more, from the first row and column of `inside`.
     """
     import cv2
 

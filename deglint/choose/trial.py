@@ -130,7 +130,7 @@ def choose(
     fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
-    """Try candidate recipes on sample tiles, and choose by `_best`; with too few pixels to try any, choose "wiener".
+    """Try candidate recipes on sample tiles, and choose by `_best`; "wiener" if pixels are too few or values too large.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """Simplest of equally good trials, or copy if none is much better; unless `delayed`, openings cost `REPLACING`."""
+    """Simplest of equally good trials, or copy if none is much better. Openings' errors count more unless `delayed`."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -289,7 +289,7 @@ def without_ships(sample: Sample) -> Sample:
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without pixels near land: they are mixed with land, which looks like glint and cannot be removed."""
+    """The sample without pixels near non-water pixels: mixed with land, they look like glint that cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 

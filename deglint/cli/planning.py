@@ -51,7 +51,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set a mission's time: in `over_time` that of its times with highest sun; in `page`, if none, the next daylight.
+    """Set a mission's time: for `over_time`, when the sun is highest in the sweep; for `page`, if none, next daylight.
 
     Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """
@@ -70,7 +70,7 @@ def _times(given: Given) -> Any:
 
 
 def one_reticle(given: Given, mission: Any, _console: Console) -> None:
-    """Make a reticle, the plan of all viewing geometries at one time; write and print it."""
+    """Make a reticle, the plan of all viewing geometries at one time; write it, and print a summary."""
     found, band = reticle(mission), given["show"]
     if band:
         found.index(band)

@@ -124,7 +124,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
 
 
 def unused_by_model(given: Mapping[str, Any]) -> str:
-    """Those of the options `given` that a saved model does not use, and that do not have their default value, as text.
+    """Text of those options of a recipe in `given` that a saved model does not use, and that differ from their default.
 
     A model uses `mask`, `nir` and `bands`, and `compensate` if it is "off". An option with the value None is not given.
     """

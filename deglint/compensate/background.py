@@ -109,7 +109,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), a band minus its opening; and standard deviation of lower values about the mode."""
+    """Mode of `excess` (pixel,), band minus opening, without zeros; and standard deviation of lower values about it."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -122,7 +122,7 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 
 def around(band: Float32, cap: float) -> Float32:
-    """Mean of a band over 9 x 9 pixels (`PIT_SIDE`) around each pixel, (row, column), with values limited to `cap`."""
+    """Mean over 9 x 9 pixels (`PIT_SIDE`) around each pixel, (row, column), of the smaller of `band` and `cap`."""
     import cv2
 
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
@@ -156,8 +156,8 @@ class Background:
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. They
-        are the deconvolved bands after a stage `psf`, else the image; with ringing, the image with its pits filled.
+        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. The
+        bands are, with ringing, the image with its pits filled; else after a stage `psf` its result; else the image.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -171,7 +171,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without offsets: square openings plus outline detail, blurred after `psf`."""
+        """Background (band, row, column) without offsets: openings plus outline detail, blurred if of `State.sharp`."""
         import cv2
 
         source, level = self.opened(state)

@@ -128,7 +128,7 @@ class Posterior:
         return self.side // 2 + PIT_REACH
 
     def apply(self, state: State) -> State:
-        """Set the image to the posterior mean if waves are `resolved`; set `State.variance` if `State.errors`."""
+        """Set the image to the posterior mean if the stage is `resolved`; set `State.variance` if `State.errors`."""
         assert state.removed is not None  # a chain removes before
         taken, image = state.removed, state.image.copy()
         variance = np.zeros_like(image) if state.errors else None

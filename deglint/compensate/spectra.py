@@ -152,8 +152,8 @@ def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
 def lasting_flashes(
     e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Flash], of_white: list[Flash]
 ) -> npt.NDArray[np.bool_]:
-    """Mask (pixel,) of flashes that last, among pixels that are lit in all bands; all False where they are rare.
-    `sparkle` is their log likelihood as sparkle that changes; `of_white` are models by `flashes` with `NO_CHANGE`.
+    """Mask (pixel,) of flashes that last; all False if they are rare. `e`, as in `target_likelihoods`, has the pixels
+    lit in all bands, `sparkle` their log likelihood as changing sparkle; `of_white`: `flashes` with `NO_CHANGE`.
     """
     target = target_likelihoods(e, of_targets)[0]
     flash, white = (flash_likelihoods(e, models) for models in (of_flashes, of_white))

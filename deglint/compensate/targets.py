@@ -124,7 +124,7 @@ class Targets:
 
     @property
     def lit(self) -> int:
-        """Index of the histogram bin above which a pixel is lit (brighter than the background by 3 times the noise)."""
+        """Index of the histogram bin above which a pixel is lit: that of an excess of 3 times `light` (`EXCEEDS`)."""
         return int((np.arcsinh(EXCEEDS) - LOW) * EXCESS_BINS / (self.top - LOW))
 
     def binned(self, e: Float32) -> Places:

@@ -1,7 +1,7 @@
 """Find water by a threshold of the NIR, which is determined from the colours of the scene's pixels.
 
-Criteria are differences or ranks, which do not depend on the unit or on an offset common to all bands. Only where the
-bands are radiances, they are ratios, because white then has different values in the bands (`_View.white`).
+Criteria compare differences or ranks, and so do not depend on the unit or on an offset common to all bands. Only where
+the bands are radiances, they compare ratios, because white then has different values in the bands (`_View.white`).
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """The rule with smaller squares (`CORE`, at most `widest` pixels) for boats, if enough sea is there to compare."""
+    """The rule with smaller squares for boats, `CORE` to `widest` / 2 pixels; unchanged if there is too little sea."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
@@ -254,10 +254,10 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
-        """Two lists of masks (row, column), one per block: isolated bright pixels on the sea; the sea far from land.
+        """Two lists of masks (row, column), one per block: isolated bright pixels on sea far from land; all this sea.
 
         Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
-        water (if `votes` are given). Land is what `brighter` marks with squares of side `widest`.
+        water (if `votes` are given). `brighter` with squares of side `widest` marks land; far is over `widest` pixels.
         """
         near = [grown(o, 2 * widest + 1) for o in self.brighter(threshold, widest)]
         sea = [v & ~n for v, n in zip(self.valid, near, strict=True)]
@@ -267,7 +267,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels may be boats: there is land, and squares of sea are few, or many lack such pixels."""
+        """Whether `bright` pixels may be boats: there is land, and squares of sea are few or often lack such pixels."""
         if sum(int(s.sum()) for s in sea) == self.pixels:
             return False
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]

@@ -60,7 +60,7 @@ class SampleRule:
         return sample_halo(self.water, self.distance)
 
     def numbers(self) -> dict[str, Any]:
-        """Values for the JSON sidecar of an output: every field except `water`, and the halo."""
+        """Values for the JSON sidecar of an output: the halo, and every field except `water`."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
 
 
@@ -116,7 +116,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     looks : blocks (band, row, column), as for `fit_water`; NaN is not valid
     rule : rule of water, from `fit_water`
 
-    Raises FitError if there is no water, no square that is half water, or no dark water, or if the NIR does not vary.
+    Raises FitError if there is no water, no square that is half water, no dark, even area, or if the NIR is constant.
 
     The sample is meant for a regression on values from which a local mean is subtracted (`deglint.remove.detrend`):
     slow changes of colour inside the sample are allowed. Cost: 250 ns and 100 bytes per pixel.
@@ -170,7 +170,7 @@ def _middle_and_range(values: FloatArray) -> tuple[float, float]:
 
 
 def _quantisation(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule whose 1024 grains span water (`masks`), 5th to 95th percentile. Raises FitError if the NIR is constant."""
+    """A rule with 1024 grains from the 5th to 95th percentile of water (`masks`); FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -269,7 +269,7 @@ def _darker_kind(level: Float64) -> Mask:
 
 
 def _otsu(values: Float64) -> tuple[float, float]:
-    """Otsu's threshold, which maximises the variance between two classes, and the share of it in the total, 0..1."""
+    """Otsu's threshold, which maximises the variance between two classes; and this variance over the total, 0..1."""
     low, high = np.percentile(values, (0.1, 99.9))
     if not high > low:
         return float(high), 0.0

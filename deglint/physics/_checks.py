@@ -55,7 +55,7 @@ def one_of(default: Any, allowed: Any, **more: Any) -> Any:
 class Checked:
     """Base class of dataclasses whose fields, if made by `ranged` or `one_of`, are checked when an instance is made.
 
-    Raises InputError if a value is out of its range, is NaN, or is not among the allowed values.
+    Raises InputError if a value is not as `ranged` or `one_of` requires. Values of `ranged` become Python numbers.
     """
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class Checked:
 
 
 def _ranged_value(own: Any, value: Any, default: Any) -> Any:
-    """Check the value of the field `own`, made by `ranged`; return it as numbers of Python, as JSON and texts need."""
+    """Check a value of the field `own`, made by `ranged` with `default`; return it as numbers of Python, for JSON."""
     if isinstance(default, tuple):
         if np.shape(value) != np.shape(default):
             raise InputError(f"{own.name} must be {len(default)} numbers, got {value!r}; give as many.")

@@ -187,9 +187,9 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur the image, and the wavelength [nm].
     size : int
-        Number of rows and of columns of the result, odd; an even number is increased by 1.
+        Number of rows and of columns of the result, odd, 3 to 1023; an even number is increased by 1.
     oversample : int
-        The MTF is used up to the frequency oversample / 2 [cycles/pixel].
+        The MTF is used up to the frequency oversample / 2 [cycles/pixel]; 2 to 64.
 
     Returns
     -------
@@ -269,7 +269,7 @@ def digitise(
 ) -> npt.NDArray[np.uint16]:
     """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
-    radiance : array of any shape, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
+    radiance : array of one or more dimensions, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
     sensor, band : the sensor, and one of its bands
     generator : random generator of the noise; without it there is no noise
 

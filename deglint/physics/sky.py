@@ -123,8 +123,8 @@ def _reflected(
 def _nodes(zenith: float, variance_along: Array, variance_across: Array) -> tuple[Array, Array, Array]:
     """Slopes along the view (`NODES`, `NODES`), slopes across it (`NODES`, 1), and weights (`NODES`, `NODES`) [1].
 
-    These are the nodes of an integral over slopes up to 5 standard deviations, limited along to facets that reflect the
-    sky, where the integrand is smooth. `zenith` of the sensor is in degrees; variances are those of slopes [1].
+    These are the nodes of an integral over slopes up to 5 standard deviations, along the view only over facets that
+    reflect the sky, where the integrand is smooth. `zenith` of the sensor is in degrees; variances are of slopes [1].
     """
     x, w = _gauss_legendre(NODES)
     reach, reach_across = 5.0 * np.sqrt(variance_along), 5.0 * np.sqrt(variance_across)
@@ -136,7 +136,7 @@ def _nodes(zenith: float, variance_along: Array, variance_across: Array) -> tupl
 
 
 def _mirror(zenith: float, along: Array, across: Array) -> tuple[Array, Array, Array, Array]:
-    """Reflect the line of sight of the sensor at facets with given slopes along and across the view direction.
+    """Reflect the line of sight at facets, given by slopes towards the sensor's azimuth and 90 degrees clockwise of it.
 
     Returns cos(incidence) / cos(tilt) [1], the angle of incidence [degree], the zenith angle of the reflected ray
     [degree], and its azimuth minus that of the sensor [degree]. `zenith` is the zenith angle of the sensor [degree].

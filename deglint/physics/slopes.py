@@ -80,7 +80,7 @@ def density(
     model : str
         One of `MODELS`.
     clip : bool
-        If True, the density is set to zero where the series is negative, and normalised again; if False, it is not.
+        If True, the density is 0 where the series is negative, and normalised again; if False, it is negative there.
 
     Returns
     -------

@@ -150,7 +150,7 @@ def absorption_only_reflectance(
 
 
 def _object(depth: npt.ArrayLike, reflectance: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return depth [m] and reflectance [1] of an object as float64; raise InputError if outside 0 to 1000 or 0 to 1."""
+    """Return depth [m], 0 to 1000, and reflectance [1], 0 to 1, of an object as float64; raise InputError outside."""
     depth = within("depth", depth, 0.0, 1000.0, "m", "Give metres below the surface, positive down.")
     return depth, within("reflectance", reflectance, 0.0, 1.0, "", "Give a share, not per cent.")
 

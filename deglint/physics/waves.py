@@ -38,9 +38,9 @@ class Sea(Checked):
         Distance over which the wind has blown [m]; only JONSWAP uses it.
     spectrum, spreading : str, and str, optional
         Wave spectrum. Directional spreading: by default "elfouhaily" for the spectrum of that name, else "half-angle".
-    exponent, opposing : float
+    exponent, opposing, short_gain : float
         Exponent s of the cos-2s spreadings "half-angle" and "full-angle"; share of the energy that goes upwind in the
-        spreading "elfouhaily", 0 to 0.5.
+        spreading "elfouhaily", 0 to 0.5; factor on the energy of short waves (see `SHORT_WAVES`) [1].
     """
 
     wind: float = ranged(MISSING, *SPECTRA_WIND_RANGE, "m/s", "The wave spectra hold in this range only.")

@@ -180,7 +180,7 @@ class Correction:
         return np.asarray(water([physical[b] for b in self.water_bands], self.water))
 
     def _saturated(self, physical: Any) -> Mask:
-        """Mask of saturated pixels, (band, row, column), or (band, 1, 1) if none is known; False for unknown bands."""
+        """Mask of saturated pixels, (band, row, column), False for unknown limits; (band, 1, 1) if all are unknown."""
         source = raster_of(self.scene)
         limits = np.array([b.saturation for b in self.scene.bands], np.float64)  # None: NaN, which nothing exceeds
         if np.isnan(limits).all():

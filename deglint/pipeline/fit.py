@@ -193,9 +193,9 @@ def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
 def given_model(scene: Scene, recipe: Recipe, model: GlintModel, threads: int, chain: Chain | None = None) -> Fitted:
     """Prepare a saved model, and its `chain` unless `recipe.compensate` is "off", for this scene, as a `Fitted`.
 
-    Without a chain, only `recipe.bands` are corrected. Raises InputError if the model or chain does not suit this scene
-    or the bands, NIR, method or stages of the recipe; NoWaterError if `mask` "auto" finds no water. Options of the
-    recipe that concern a fit are not used, nor do they appear in the recipe of the result.
+    Without a chain, only `recipe.bands` (empty: all bands of the model) are corrected. Raises InputError if the model
+    or chain does not suit this scene or the bands, NIR, method or stages of the recipe; NoWaterError if `mask` "auto"
+    finds no water. Other options of the recipe for a fit are not used, nor do they appear in the recipe of the result.
     """
     log_scene(scene)
     chain = chain if chain is not None and recipe.compensate != "off" else Chain()

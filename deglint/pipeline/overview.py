@@ -164,7 +164,7 @@ class Job:
     sampler: Sampler | None = None  # of the sample that the recipe names; None: "auto"
 
     def results(self, tiles: Sequence[Tile], work: Callable[[Tile], Any], halo: int = 0, note: Any = None) -> Any:
-        """Iterate over the results of `work(tile)`, in the order of the tiles, on as many threads as memory allows.
+        """Iterate over results of `work(tile)` in tile order, on as many of the job's threads as memory allows.
         `halo`: margin that `work` reads around a tile [pixel]; `note`: called with numbers of finished and all tiles.
         """
         at_once = tiling.affordable(self.threads, (TILE_SIDE + 2 * halo,) * 2, 2 * len(self.scene.bands))

@@ -25,18 +25,19 @@ class Recipe:
     method : str
         "auto" or a key of `deglint.remove.METHODS`.
     nir : tuple of str
-        NIR bands by name or 1-based number; determined automatically if empty. A single name or number is also
-        accepted.
+        NIR bands by name or 1-based number (a single one also without a tuple); determined automatically if empty.
     nir_use : {"auto", "mean", "best", "set"}
         Reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains it
         best; "set", the NIR band taken at the same time. "auto": "set" if `nir` is empty and the sensor takes its bands
         in sets at different times, each with a NIR band; else "mean".
     bands : tuple of str
-        Bands to correct, by name or 1-based number; if empty, all bands of shorter wavelength than the NIR.
+        Bands to correct, by name or 1-based number; if empty, all of shorter wavelength than the longest NIR band.
     sample : str
-        Pixels to fit to: "auto" (open water), "all", a window "column,row,width,height" [pixel] or a GeoJSON file.
+        Pixels to fit to: "auto" (an area that `mask` names, else open water; without water, all if `mask` is "none"),
+        "all", or an area as in `mask`.
     mask : str
-        Pixels to correct: "auto" (water that is found), "none" (all valid), a raster, a GeoJSON file or a window.
+        Pixels to correct: "auto" (water that is found), "none" (all valid), or an area: the name of a mask raster or a
+        GeoJSON file, or a window "column,row,width,height" [pixel].
     regression : str
         "auto" (detrended for an automatic sample, else ols) or a key of `deglint.remove.REGRESSIONS`.
     floor_percentile : float
@@ -47,8 +48,7 @@ class Recipe:
         "auto" (with method "auto", the candidate with the least expected error on the scene; else none), "thesis",
         "off", or a chain such as "identify-level:13, replace-level, remove"; see `deglint.compensate.STAGES`.
     smallest_object : str
-        Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m, or 16 pixels if the pixel size is
-        not known.
+        Width of the smallest object to keep, such as "4m" or "16px"; if empty, 4 m (16 pixels without a pixel size).
     """
 
     method: str = "auto"

@@ -67,8 +67,8 @@ def remove_glint(
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
-        sensor, nodata, grid, bands, wavelengths, scale, offset: see `deglint.open_scene`; flags, amount, stderr,
-        sample, model_file, picture, overwrite, dtype, options, request, reads: see `Outputs`; chain: see `model`.
+        sensor, nodata, grid, bands, wavelengths, scale, offset: see `open_scene`; flags, amount, stderr, sample,
+        model_file (its `model`), picture, overwrite, dtype, options, request, reads: see `Outputs`; chain: see `model`.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def _check_saved(model: Any, chain: Any) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """Threads or cluster on which the tiles of a run are processed, and the time when the run began."""
+    """Threads or cluster on which the tiles of a run are processed, its `progress` function, and when it began."""
 
     threads: int
     progress: Progress
@@ -154,7 +154,7 @@ def prepare(
 
 
 def _correct_and_write(work: Correction, fitted: Fitted, targets: Outputs, checksum: Checksum, run: Run) -> Result:
-    """Correct a scene, write all outputs in `targets`, and return the result of the run."""
+    """Correct a scene and write all `targets`. Raises NoWaterError if the model corrects bands, but no pixel here."""
     scene = work.scene
     sky = sky_glint(scene) if targets.amount else None
     with Scratch(overwrite=targets.overwrite) as scratch:
@@ -215,7 +215,7 @@ def one_thread_each() -> Iterator[None]:
 
 @checked_keywords()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
-    """Correct a scene, or a window of it, in memory, with the same result as `remove_glint` for files.
+    """Correct a scene, or a window of it, in memory, as `remove_glint` does, but without rounding to a file type.
 
     Parameters
     ----------

@@ -217,7 +217,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """First square (side `TRIED_SIDE`, halo `TRIED_HALO`) at a corner of a training tile that has some sample."""
+    """Of the squares (`TRIED_SIDE`, `TRIED_HALO`) at a tile's corners, the first with sample pixels, else the first."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]

@@ -96,7 +96,7 @@ class Mission(Checked):
     limits : Limits
         Limits beyond which a viewing geometry is excluded.
     step, widest : float
-        Step between viewing geometries, rounded to fit into `widest` and 360; largest zenith angle of the sensor.
+        Step between viewing geometries, rounded to fit `widest` and 360; largest zenith angle of the sensor [degree].
     """
 
     # `file` is the table and key of a field in a mission file
@@ -318,7 +318,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Check and return a table. Raises InputError unless keys are `known` and values, but for `_NO_NUMBERS`, finite."""
+    """Return a table. Raises InputError unless it is one, with `known` keys and finite numbers (but `_NO_NUMBERS`)."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

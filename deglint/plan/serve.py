@@ -1,4 +1,4 @@
-"""A local web page with sliders: the plan is redrawn when wind, time, place or depth change.
+"""A local web page with sliders: the plan is redrawn when a value changes, such as wind, time, place or depth.
 
 The server is bound to the loopback address, so only this machine can reach it. It rejects requests that name another
 host, because a foreign web page can make a browser send them. The page loads nothing from other servers.
@@ -152,7 +152,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _start(base: Mission) -> dict[str, Any]:
-    """Initial state of the page, for JSON: values of the sliders, time, sensor, and size of the picture."""
+    """Initial state of the page, for JSON: values of the sliders, largest wind, time, sensors, size of the picture."""
     values = {name: getattr(base, name) for name in SLIDERS}
     values |= {"visibility": base.weather.visibility, "glint": base.limits.glint}
     time = None if base.sun_zenith is not None else f"{base.moment}"[:16]

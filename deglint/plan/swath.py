@@ -158,14 +158,14 @@ def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
 
 
 def _tilts(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:
-    """Yield the best line for each roll and pitch in `_angles(view)`, to either side; smallest first."""
+    """Yield the best line with roll or pitch replaced by each of `_angles(view)`, to either side; smallest first."""
     for tilt in _angles(view):
         for change in ({"roll": tilt}, {"roll": -tilt}, {"pitch": tilt}, {"pitch": -tilt}):
             yield _tried(mission, replace(view, **change), None)
 
 
 def _angles(view: FieldOfView) -> list[float]:
-    """Angles of `TILTS` with which the view ends below 80 degrees [degree]."""
+    """Angles of `TILTS` that, plus half of the larger angle of the view, are below 80 degrees [degree]."""
     return [tilt for tilt in TILTS if tilt + 0.5 * max(view.across, view.along) < 80.0]
 
 
@@ -176,7 +176,7 @@ def _tried(mission: Mission, view: FieldOfView, time: np.datetime64 | None) -> A
 
 
 def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
-    """Lines of text that recommend a heading, or state that any or no heading is good; then the alternatives."""
+    """Lines of text that recommend a heading, or state that any or none is good; then alternatives or a remedy."""
     out = [line.words(), *(one.words() for one in others)]
     if not line.is_good and not others:
         tried = ["other time of the day"] if line.mission.place and line.mission.sun_zenith is None else []

@@ -157,7 +157,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Values for `plain`, then JSON: winds, intervals at the best geometry, share of winds that exclude each."""
+        """Values for `plain`, then JSON: winds, best geometry and intervals, share of winds that exclude a geometry."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

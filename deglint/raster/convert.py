@@ -152,12 +152,12 @@ def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid]:
-    """Convert file values to the type `dtype` and the nodata value of an output; NaN of an integer becomes nodata.
+    """Convert file values to the type `dtype` and the nodata value of an output; for integers, NaN becomes nodata.
 
     A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
     that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the
     mask of valid values, None if all are. `own` has the nodata of each band of `raw`. If nothing changes, `raw` itself
-    is returned.
+    is returned. In a band without nodata of its own, a value is not moved where another band is not valid.
     """
     to = np.dtype(dtype)
     if raw.dtype == to and (nodata is None or all(same_nodata(n, nodata) for n in own)):

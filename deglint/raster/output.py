@@ -183,7 +183,7 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
 
 
 def _check_whole(path: Path, target: Path, *, sparse: bool) -> None:
-    """Raise WriteError if 1 of 4 blocks per band of the scratch file `path` is cut off or, unless `sparse`, missing."""
+    """Check 4 blocks per band of the scratch file `path`: WriteError if one is cut off or, unless `sparse`, missing."""
     with write_errors(target), open_dataset(str(path)) as dataset:
         size = path.stat().st_size
         planes: Sequence[int] = dataset.indexes if dataset.profile.get("interleave") != "pixel" else [1]

@@ -129,7 +129,7 @@ def _companions(path: Path) -> list[Path]:
 
 
 def check_target(path: Path, *, overwrite: bool = False) -> None:
-    """Raise WriteError if one output cannot be written, or it or a companion exists already, without `overwrite`."""
+    """Raise WriteError if an output cannot be written or, without `overwrite`, if it or one of `COMPANIONS` exists."""
     if re.match(r"-$|/vsi|[A-Za-z][\w+.-]+:/", str(path)):
         raise WriteError(f"cannot write to {path}: outputs are local files. Write it here and copy it there.")
     if path.is_dir():

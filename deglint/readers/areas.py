@@ -144,7 +144,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON features in the scene's CRS: outlines of the True pixels of a mask from (row, column) `origin` on."""
+    """GeoJSON features in the scene's CRS: outlines of True pixels of a mask that starts at `origin` (row, column)."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -196,7 +196,7 @@ def _polygons(document: Any, name: str) -> Iterator[dict[str, Any]]:
 
 
 def crs_of(document: Mapping[str, Any], name: str) -> Any:
-    """The CRS that a GeoJSON document states, by default WGS 84 longitude and latitude; `name` is its file's name."""
+    """The CRS that the GeoJSON file `name` states, else WGS 84 longitude, latitude. Raises InputError if unknown."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

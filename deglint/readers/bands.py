@@ -46,9 +46,9 @@ _CENTRE_RANGE = (300.0, 20_000.0)  # allowed range of centre wavelengths [nm]
 def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tuple[list[Band], str | None, list[str]]:
     """Return the bands of a scene, the name of the sensor preset that was used (or None), and notes for the log.
 
-    `stems` has, for each band in `info`, the name of its file without extension, or "". A band without a name is named
-    after its file. `sensor` is the preset or .toml file that the user selected, or None. The wavelength of a band is
-    that in a tag, else the number in its name, else the preset's, else that of a code, letter or colour in its name.
+    `stems`: for each band, its file's name without extension, or "". A band without a name is named after its file.
+    `sensor`: preset or .toml file that the user selected (BandError if it does not fit), or None. The wavelength of a
+    band is that in a tag, else the number in its name, else the preset's, else that of a code, letter or colour in it.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -67,7 +67,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
 
 def labelled(info: RasterInfo, bands: Sequence[Band]) -> RasterInfo:
-    """A copy of `info` with the names, wavelengths and widths of `bands`, so that an output file has them, too."""
+    """A copy of `info` with wavelengths and widths of `bands`, and their names where it has none, for outputs."""
     names = tuple(
         d if d or b.name == f"band {i}" else b.name
         for i, (d, b) in enumerate(zip(info.descriptions, bands, strict=True), start=1)
@@ -262,7 +262,7 @@ def _unique(found: list[SensorBand | None]) -> list[SensorBand | None]:
 
 
 def sensor_of(name: str) -> Sensor:
-    """The preset called `name`, or the sensor in the .toml file `name`. Raises InputError if it is not valid."""
+    """The preset called `name`, or the sensor in the .toml file `name`. Raises ReadError or InputError on failure."""
     if not name.lower().endswith(".toml"):
         return sensors.load(name)
     document = read_toml(name, "--sensor")

@@ -154,7 +154,7 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
 def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> list[FileBands]:
     """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`.
 
-    GDAL leaves out one number for nodata of a file: successive bands with another one are a `FileBands` of their own.
+    GDAL can leave out only one nodata value of a file: successive bands with the same value form one `FileBands`.
     """
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
@@ -216,7 +216,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel [m] on the ground; if there is no transform, of tag GSD_M, else sensor. None if unknown."""
+    """Mean side of a pixel [m] on the ground; without a transform, from tag GSD_M, else the sensor. None if unknown."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}

@@ -47,7 +47,7 @@ def find_nir(scene: Scene, wanted: Wanted | None = None) -> tuple[int, ...]:
     Raises
     ------
     BandError
-        No NIR band was found, none was selected, or a selected one does not exist or is visible light.
+        No NIR band was found, `wanted` is empty, or a selected band does not exist or is visible light.
     InputError
         `scene` is not a Scene, or `wanted` has something other than names and numbers.
     """
@@ -128,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for --bands: names of known wavelength are kept; "nir" is alpha if `hidden`, else an unknown band."""
+    """Example for --bands: bands of known wavelength keep names; "nir" is alpha if `hidden`, else the first unknown."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)

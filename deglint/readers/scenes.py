@@ -225,7 +225,7 @@ class ListedScene:
 
 
 def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[ListedScene]:
-    """List the scenes that arguments of a command stand for, in their order. Raises ReadError or InputError if none.
+    """List the scenes that arguments of a command stand for, in their order. Raises ReadError or InputError on failure.
 
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and

@@ -81,9 +81,9 @@ def settled(scene: Scene) -> Scene:
 def undeclared(scene: Scene) -> Undeclared:
     """Find undeclared nodata, an undeclared Sentinel-2 offset, and wavelengths of four bands if the last is unnamed.
 
-    Nodata is searched for if neither the file nor the caller declares it. It is a value that all bands have in at least
-    2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the edge of the image or contain a square
-    of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged, and kept in the source for later calls.
+    With several bands, nodata is searched for if neither file nor caller declares it. It is a value that all bands have
+    in at least 2 % of the pixels (0.1 % for values of 0 and below), in areas that reach the image edge or contain
+    a square of `SOLID` x `SOLID` pixels, and that is not saturated. Findings are logged, and kept for later calls.
     """
     source = scene.source
     if not isinstance(source, RasterSource):
@@ -235,7 +235,7 @@ def _offset(scene: Scene, info: RasterInfo, blocks: list[Block], found: Undeclar
 
 
 def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: float) -> list[float]:
-    """The percentile `percent` of valid file values of each band (not where all are 0); infinite if there are none."""
+    """Percentile `percent` of each band's valid file values, except where all bands are 0; infinite if none is left."""
     out = []
     for band, nodata in enumerate(nodatas):
         values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])

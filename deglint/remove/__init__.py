@@ -102,7 +102,7 @@ def fit(
     Raises
     ------
     InputError
-        If the method, a band or an option is not valid, the array or the mask has a wrong shape, or no band is left.
+        If an argument is not valid, a band that the method needs is missing (BandError), or no band is left to correct.
     FitError
         If the sample does not allow a fit, for example because it has too few pixels.
 
@@ -185,7 +185,7 @@ def nir_request(
 
 
 def _numbers(value: int | Sequence[int], count: int, name: str) -> list[int]:
-    """The argument `name` as a list of bands; InputError if these are no numbers, or not 0 to `count` - 1."""
+    """The argument `name` as a list of bands; InputError if it is empty or not of integers 0 to `count` - 1."""
     found: list[int] = np.atleast_1d(value).tolist()
     if not all(isinstance(b, int) for b in found):
         raise InputError(f"{name}: want 0-based numbers of bands of the array, got {described(value)}.")

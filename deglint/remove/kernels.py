@@ -202,7 +202,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's total power."""
+    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's power in all."""
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
     shares = np.array(left) / np.maximum(power, np.finfo(float).tiny)
@@ -210,7 +210,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Choose each band's support by `losses` (group, band): the best for all bands, or another if clearly better."""
+    """Choose each band's support by `losses` (group, band): one for all bands, or its own if clearly better."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]

@@ -155,7 +155,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the largest of `counts` (bin,), refined by a parabola; if equal, middle of the first run."""
+    """Position [bin] of the largest of `counts` (bin,), refined by a parabola; of equal ones, middle of first run."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -166,7 +166,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Sample without pixels near strong glint, which resampling darkens; `together`: predictions, summed over bands."""
+    """Sample not near strong glint (darkened there by resampling); `together`: sum over bands of slope x prediction."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 

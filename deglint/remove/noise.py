@@ -45,8 +45,8 @@ def faint_weight(nir: FloatArray, sample: Mask) -> FloatArray:
     .. math:: 1 / (1 + (h / (k s))^2)
 
     The residual is noise plus an error proportional to the glint h. h is the NIR minus its local mean, s the standard
-    deviation of noise in the NIR (`HIDDEN_NOISE` times the largest h if it is not measured), k is `FAINT`. Outside the
-    sample the weight is 0.
+    deviation of noise in the NIR (`HIDDEN_NOISE` times the largest absolute h if rounding hides the noise), k is
+    `FAINT`. Outside the sample the weight is 0.
     """
     high = detrend(nir[None], sample)[0]
     sigma = noise([np.where(sample, nir, 0).astype(np.float32)], (sample,))

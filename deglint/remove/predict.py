@@ -75,8 +75,8 @@ def glint(
     crop : width of the halo above, below, left and right of the tile [pixel]
 
     Returns the glint (row, column) by 0-based band, without the halo [unit of the band]. It is valid only over water,
-    limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask (row, column) of the
-    water pixels that are too bright for glint, so that `clean` replaced them in a reference; None if there is none.
+    limited by `BandFit.floor`, and never negative unless the model is signed. Also returns a mask of the same shape,
+    True where water is too bright for glint and `clean` replaced it in a reference, and next to it; None if nowhere.
     """
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
@@ -139,7 +139,7 @@ def apply(
     Raises
     ------
     InputError
-        If the block or the mask does not have the bands, the shape or the type that the model needs.
+        If the block or mask does not have the bands, shape or type that the model needs, or `model` is no GlintModel.
 
     Examples
     --------

@@ -55,8 +55,8 @@ def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one kernel; else None.
 
-    The sample consists of squares. Two steps alternate: squares are assigned to the kernel with the smaller residual;
-    each kernel is fitted to its squares. The first kernels are the kernel fitted to all squares and its mirror image.
+    In turn, each square of the sample is assigned to the kernel with the smaller residual, and each kernel is fitted to
+    its squares. The first two are the kernel of all squares and its mirror image. Also None if a kind has few squares.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
@@ -79,7 +79,7 @@ def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
 
 
 def _left(grams: LagGrams, kernel: Float64) -> Float64:
-    """Residual power (square,) by a 3 x 3 `kernel`, (input, band), over each band's power in all squares, summed."""
+    """Residual power (square,) of a 3 x 3 `kernel` (input, band): sum over bands, each over its power in the sample."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)
     return np.asarray((unexplained(grams.grams, inputs, outputs, kernel) / power).sum(axis=1))

@@ -81,7 +81,7 @@ def fit(
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
-    Raises FitError if there is too little open water, no reference varies, or sums of squares exceed double precision.
+    Raises FitError for too little open water, a constant NIR or SWIR, or sums of squares beyond double precision.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
@@ -328,7 +328,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
 
 
 def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[str, ...]:
-    """Warning, if any, of an even sheet of glint (`SHEET`); `green`: median after removal [unit of the band]."""
+    """Warning, if any, of an even sheet of glint (`SHEET`); `green`: median of green after removal [its unit]."""
     lowest, chosen, middle = interval
     warning = (
         f"the level of the glint is uncertain: the least NIR over water, {chosen:.4g}, is "

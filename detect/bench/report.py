@@ -79,7 +79,7 @@ def time_against_error(results: Results) -> Figure:
 
 
 def roc_curves(results: Results) -> Figure:
-    """Plot ROC curves for the objects of the two lowest reflectances: Pd, mean over seeds, against Pfa."""
+    """Plot ROC curves (at `Effort.shown`) for the two lowest object reflectances: Pd, mean over seeds, against Pfa."""
     figure, panels = _axes(2, "Pd")
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
@@ -143,7 +143,7 @@ def by_condition(results: Results) -> Table:
 
 
 def objects(results: Results) -> Table:
-    """Table of the fraction of objects found and the area under the ROC curve, by removal and reflectance."""
+    """Table of the share of objects found and the AUC, by removal and reflectance, in the condition `Effort.shown`."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.used, LIMIT):

@@ -46,7 +46,7 @@ class Effort:
 
     @classmethod
     def of(cls, names: Sequence[str], *, quick: bool, seeds: int | None) -> Self:
-        """Extent for removals `names`; `quick`: one wind, small timed scene, 3 rounds, 2 `seeds` by default, else 5."""
+        """Extent for `names`; `quick`: one wind, small timed scene, 3 rounds. `seeds`: default 2 if quick, else 5."""
         if quick:
             return cls(tuple(names), (9.0,), seeds=seeds or 2, side=256, rounds=3)
         return cls(tuple(names), seeds=seeds or cls.seeds)

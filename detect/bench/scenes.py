@@ -27,7 +27,7 @@ SEED = 100  # seed of the first sea
 
 
 def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
-    """Objects in the right half of a scene of `side` x `side` pixels of size `gsd` [m]; one column per reflectance."""
+    """Squares, at most `OBJECT` pixels wide, in the right half of a scene of `side` x `side` pixels of `gsd` [m]."""
     largest = min(OBJECT, side / 4 / len(REFLECTANCES))
     return thesis_array((side, side), gsd, reflectances=REFLECTANCES, sides=(largest,), depth=DEPTH)
 

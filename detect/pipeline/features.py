@@ -88,8 +88,8 @@ def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
 def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[dict[str, Any]]:
     """A dictionary for each object in `found`: `speed_m_s` [m/s] and `heading` [degree clockwise from north].
 
-    Both are those of the nearest moving boat, or None if it is farther away than the fastest boat moves between bands
-    plus the object's size. `area`: of a pixel [m2]. Raises InputError if area, CRS or three distinct times are unknown.
+    Both are those of the nearest moving boat; None if none is within the object's size plus the way of the fastest boat
+    from first to last band. Raises InputError if `area` (of a pixel [m2]), CRS or three distinct times are unknown.
     """
     bands, times = delayed_bands(scene)
     move = to_wgs84(scene)
@@ -117,7 +117,7 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
     """Properties of an object: score, rates, `kind`; with `move` (see `to_wgs84`) also position, size [m] and bearing.
     `rate` is the expected number of false objects per km2, `real` the probability that the object is real; NaN if not
-    known. The score is -log10(rate), or `Object.score_max` if `rate` is unknown. A nearly round object has no bearing.
+    known. Score: -log10(rate), or `Object.score_max` without `rate`. Bearing: of the longer side; None if nearly round.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
@@ -162,7 +162,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
 
 
 def _around(start: int, stop: int, size: int) -> tuple[int, int]:
-    """Rows (or columns) of a picture: an object, `start` to `stop`, and margin, `CHIP_SIDE` or more; in 0 to `size`."""
+    """Rows (or columns) of a picture of the object at `start` to `stop`: at least `CHIP_SIDE`, within 0 to `size`."""
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side

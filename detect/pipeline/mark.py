@@ -51,7 +51,7 @@ class Marker:
         return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested false-alarm rate. The detector "sea" leaves out confirmed objects."""
+        """Threshold for the requested false-alarm rate; for "sea" from scores without those of confirmed objects."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -93,7 +93,7 @@ class Marker:
         return rows[apart], columns[apart], scores[apart]
 
     def _found(self, pixels: Places, above: float = -math.inf) -> list[Object]:
-        """Objects among some pixels, as the recipe asks for; their scores exceed `above` (see `find_among`)."""
+        """Objects among some pixels, by `min_size` and `merge_distance` of the recipe; `above`: see `find_among`."""
         recipe = self.plan.recipe
         return find_among(
             *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance,
@@ -119,7 +119,7 @@ class Marker:
         return rated_objects(found, self._clutter, self._strata)
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
-        """Objects alongside a quay, as far as their rate is not above that of the `afloat` objects afloat."""
+        """Objects above the threshold alongside a quay, at rates up to that of the objects afloat (`afloat` in all)."""
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
         found = [o for o in self._found(self.beside[sea.ALONGSIDE]) if o.score_max > dimmest]

@@ -25,8 +25,8 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `detect.rx.METHODS`, or "auto". "auto" selects the method of an option that "sea" does not have, if one
-        is set; else "rx" for `threshold` "f" or "chi2", more than 16 bands, or a scene without water; else "sea".
+        A key of `detect.rx.METHODS`, or "auto": the method of an option that "sea" lacks, if one is set; else "rx" for
+        `threshold` "f" or "chi2", p-values, saving a background, over 16 bands, under 100 pixels, no water; else "sea".
     window : (int, int)
         For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int

@@ -192,7 +192,7 @@ def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
 
 
 def scene(d: Judged, found: Evaluation) -> Figure:
-    """Plot the scores of a detector, boxes around objects (dashed: not found), and its highest false alarms."""
+    """Plot a detector's scores, boxes around objects (dashed: not found at `worst_at`), and its worst false alarms."""
     from matplotlib.patches import Rectangle
 
     height, width = d.scores.shape

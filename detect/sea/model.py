@@ -60,7 +60,7 @@ class GlintScale:
 
     @classmethod
     def fit(cls, nir: Sequence[Array], scores: Sequence[Array], water: Sequence[Mask], side: int) -> Self:
-        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side` is the attribute."""
+        """Fit to blocks of NIR, (band, row, column), scores and water mask, (row, column); `side`: see attributes."""
         values = np.concatenate([np.asarray(n, np.float64)[:, w] for n, w in zip(nir, water, strict=True)], axis=1)
         centre, spread = _robust(np.nan_to_num(values))
         flat = cls(centre, spread, side, np.zeros(1), np.ones(1))
@@ -181,7 +181,7 @@ def score(block: Array, classes: Classes, model: SeaModel, nir: Array | None = N
 class _Block:
     """A block `x` in robust standard deviations, (band, row, column), its `means` at every scale, and its masks.
 
-    Masks: `sea`: water and objects; `water`: water and rim; `dim`: water that is not as bright as land.
+    Masks: `sea`: water and objects; `water`: water and rim; `dim`: `water` with means at the largest scale within +-30.
     """
 
     def __init__(self, block: Array, classes: Classes, model: SeaModel) -> None:
@@ -213,7 +213,7 @@ class _Block:
         return out
 
     def typical(self, used: Mask, model: SeaModel) -> Mask:
-        """`water` without the pixels within two pixels of a large distance from `used` pixels at the largest scale."""
+        """`water` without 5 x 5 pixels around each large Mahalanobis distance (largest scale, statistics of `used`)."""
         z = self.standardised(used, model.variance)[-1]
         far = _distance(z, model.whiteners[-1], "both") > _CUT * model.middle[-1]
         return self.water & ~grown(far, 5)

@@ -119,7 +119,7 @@ def likeness(length: float, width: float, size: float) -> float:
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle around a mask: length, width (of one pixel: 1) [pixel], angle of length from up [degree]."""
+    """Smallest rectangle of a mask: length, width (a pixel: 1) [pixel], angle of length clockwise from up [degree]."""
     import cv2
 
     rows, columns = np.nonzero(footprint)

@@ -152,7 +152,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder above `place` with metadata of `family`, or None. `folder` lists the files in a folder `place`."""
+    """Nearest folder with metadata of `family` above `place`, a file or subfolder (its files: `folder`), or None."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -87,7 +87,7 @@ def _product(container: Container, capture: str, members: list[str]) -> Product 
 
 
 def with_xmp(info: RasterInfo) -> tuple[RasterInfo, list[str]]:
-    """A copy of `info` with names, wavelengths, calibration and sensor from the file's XMP, if any, and notes."""
+    """A copy of `info` with wavelengths, calibration, sensor and missing names from its XMP, if any; and notes."""
     facts = facts_of(info)
     bands, corrected = bands_of(info, facts)
     if not bands:
