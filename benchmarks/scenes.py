@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import rasterio
 
 from deglint import Recipe, correct, fit_scene, open_scene
+from deglint.morphology import grown
 from deglint.physics.presets import preset
 from deglint.pipeline import Fitted
 from deglint.raster.simulated import write_scene
@@ -127,10 +127,9 @@ class Known:
         cover = path.with_name(f"{path.stem}_cover.tif")
         if cover.exists():  # foam and boats are no open water, nor are the pixels that optics blur them into
             covers = open_scene(cover).read()
-            counts = cv2.dilate((covers > 0).any(axis=0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+            counts = ~grown((covers > 0).any(axis=0), 9)
             if (covers == FOAM).any():  # less of it than half a pixel is not marked, and is part of the truth
-                foam = truth[-1] > WITHOUT_FOAM * level[-1]
-                counts &= cv2.dilate(foam.astype(np.uint8), np.ones((FOAM_BESIDE, FOAM_BESIDE), np.uint8)) == 0
+                counts &= ~grown(truth[-1] > WITHOUT_FOAM * level[-1], FOAM_BESIDE)
         visible = tuple(i for i, b in enumerate(bands) if b.wavelength and b.wavelength < VISIBLE)
         return cls(path, truth, level, counts, visible or tuple(range(len(bands) - 1)))
 

@@ -289,7 +289,7 @@ def without_ships(sample: Sample) -> Sample:
 
 
 def without_shore(sample: Sample) -> Sample:
-    """The sample without pixels near non-water pixels: mixed with land, they look like glint that cannot be removed."""
+    """The sample without pixels near what is not water: mixed with it, they look like glint that cannot be removed."""
     inside = (m & ~grown(~s.water, 2 * NOT_JUDGED + 1) for s, m in zip(sample.states, sample.inside, strict=True))
     return replace(sample, inside=tuple(inside))
 

@@ -5,11 +5,11 @@ S is the log likelihood ratio of target and sparkle for the excess e over the ba
 .. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
 
 A target of brightness A has one of the spectra F_k (smooth, or with one or two edges, in the light of sun and sky) with
-probability w_k; V is the variance of noise and of the non-smooth part of the spectrum, h the radiance of water that the
-target hides. Sparkle changes from band to band, with probabilities p from histograms of the scene. If flashes last
-through all bands, p includes flashes whose brightness changes slowly. A pixel belongs to a target if the sum of S over
-3 x 3 pixels, plus the log likelihood ratio of a common outline in all bands, exceeds a threshold. The threshold follows
-from a false-alarm rate, and is higher where sparkle lasts.
+probability w_k; V is the variance of noise, of texture of the water (such as a bottom), and of the non-smooth part of
+the spectrum, h the radiance of water that the target hides. Sparkle changes from band to band, with probabilities p
+from histograms of the scene. If flashes last through all bands, p includes flashes whose brightness changes slowly. A
+pixel belongs to a target if the sum of S over 3 x 3 pixels, plus the log likelihood ratio of a common outline in all
+bands, exceeds a threshold. The threshold follows from a false-alarm rate, and is higher where sparkle lasts.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
