@@ -250,3 +250,14 @@ def test_pits_that_end_at_zero_count_however_small_they_are():
     rough = np.full(8, np.median(rung))  # of the noise: five times this is more than the water
     assert ringing(sampled(rung + 1000)[1], rough) == ()
     assert len(ringing(sampled(np.maximum(rung, 0))[1], rough)) == 8
+
+
+def test_the_background_is_that_of_the_pixels_with_the_least_glint():
+    water, noise = np.array([50.0, 40.0, 30.0, 10.0])[:, None, None], RNG.normal(0, 1, (4, 300, 320))
+    waves = cv2.GaussianBlur(RNG.normal(0, 1, (300, 320)), (0, 0), 0.7)  # every pixel has glint, nearly even in clumps
+    glint = 4 * np.exp(waves / waves.std())
+    bands = tuple(Band(f"b{w}", wavelength=float(w)) for w in (450, 560, 660, 850))
+    state = State.of((water + glint + noise).astype(np.float32))
+    stage = fit_background(Sample((state,), (state.water,)), Setting(bands, (3,)), 5)
+    errors = np.median(stage.apply(state).background - water, axis=(1, 2)) - np.percentile(glint, 10)
+    assert np.abs(errors).max() < 0.5  # half the noise of a pixel

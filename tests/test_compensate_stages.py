@@ -211,7 +211,7 @@ def test_a_constant_image_stays(text):
 def test_water_without_glint_stays_within_its_noise(text):
     block = sparkling_block(cover=0)
     away = run(text, block) - WATER[:, None, None]
-    most = 1.6 if "psf-image" in text or "level:5, replace-bands" in text else 1.2  # noise is sharpened, or exchanged
+    most = 1.8 if "psf-image" in text or "level:5, replace-bands" in text else 1.2  # noise is sharpened, or exchanged
     assert np.sqrt((away**2).mean(axis=(1, 2))).max() < most
 
 

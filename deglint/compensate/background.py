@@ -41,6 +41,9 @@ COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
 """Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
+LEAST_GLINT_PERCENT = 10.0
+"""Share of the pixels that count as those with the least glint [%]: few, so that glint is weak even where it is dense;
+enough (thousands of a sample) that the median of their noise is known to a few percent of its standard deviation."""
 PIT_K, MOST_PITS = 5.0, 3e-4
 """A pit is a pixel that is darker than the water around it by `PIT_K` standard deviations of noise, or not above
 zero. An image has ringing if the share of pits exceeds `MOST_PITS` in every band; for normal noise it is 3e-7."""
@@ -108,17 +111,20 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
     return out
 
 
-def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), band minus opening, without zeros; and standard deviation of lower values about it."""
-    away = np.abs(excess)
-    apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
-    d = excess[apart]
-    low, high = np.percentile(d, [0.5, 70])
-    counts, edges = np.histogram(d, 256, (low, max(high, low + 1e-12)))
-    i = int(np.convolve(counts, np.ones(21) / 21, "same").argmax())
-    middle = 0.5 * (edges[i] + edges[i + 1])
-    below = d[d < middle] - middle
-    return float(middle), float(spread(below) if below.size > 10 else d.std())
+def least_glint(excess: Float32, order: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Mask, (band, pixel), of the pixels with the least glint in the bands taken before and after each band.
+
+    Other bands have other noise: the darkest pixels of the band itself would be those with the lowest noise.
+
+    excess : bands minus their openings, (band, pixel), in a unit in which glint is the same in all bands
+    order : 0-based bands in order of time; if there is only one, the mask has all pixels
+    """
+    least = np.ones(excess.shape, np.bool_)
+    for place, b in enumerate(order):
+        if beside := [order[i] for i in (place - 1, place + 1) if 0 <= i < len(order)]:
+            glint = excess[beside].sum(axis=0)
+            least[b] = glint <= np.percentile(glint, LEAST_GLINT_PERCENT)
+    return least
 
 
 def around(band: Float32, cap: float) -> Float32:
@@ -136,7 +142,7 @@ class Background:
     size: int  # width of the window [pixel]
     order: tuple[int, ...]  # 0-based bands in order of time
     colour: tuple[float, ...]  # unit of glint: its spectrum, scaled so that colour / noise has a median of 1
-    offsets: tuple[float, ...]  # mode of the difference between each band and its opening
+    offsets: tuple[float, ...]  # of each band's openings: median of the difference, of the pixels with the least glint
     sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
     limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
@@ -213,13 +219,13 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     stage = Background(size, setting.order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
     if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
         stage = replace(stage, limit=_limit(stage, sample, setting.nir))
-    levels = [stage.level(s) for s in states]
+    above = [s.image - stage.level(s) for s in states]
+    excess = np.stack([sample.values([a[b] for a in above]) for b in bands])
     found = []
-    for b in bands:
-        excess = sample.values([s.image[b] - level[b] for s, level in zip(states, levels, strict=True)])
-        middle, about = mode_and_spread(excess)
-        about = max(about, float(sigma[b]))
-        found.append((middle, about, float((excess > middle + COVER_K * about).mean())))
+    for b, least in enumerate(least_glint(excess / colour[:, None], setting.order)):
+        values, middle = excess[b], float(np.median(excess[b, least]))
+        about = max(spread(values[least & (values < middle)] - middle), float(sigma[b]))
+        found.append((middle, about, float((values > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
     return replace(stage, cut=tuple((HALF_NORMAL * max(1 - RAISED * stage.cover, 0) * sigma * unit).tolist()))
