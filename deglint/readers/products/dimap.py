@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, said, said_number, tags_of, view_tags
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
@@ -85,14 +85,9 @@ def _angles(root: ET.Element) -> dict[str, Any]:
         azimuth -= math.degrees(math.atan2(across, along))
     else:
         azimuth = None
-    return angle_tags(
-        sun_elevation=said(place, ".//SUN_ELEVATION"),
-        sun_azimuth=said(place, ".//SUN_AZIMUTH"),
-        incidence=said_number(place, ".//INCIDENCE_ANGLE"),
-        off_nadir=said_number(place, ".//VIEWING_ANGLE"),
-        view_azimuth=azimuth,
-        altitude=_PLEIADES_ORBIT,
-    )
+    sun = {"sun_elevation": said(place, ".//SUN_ELEVATION"), "sun_azimuth": said(place, ".//SUN_AZIMUTH")}
+    incidence, off_nadir = (said_number(place, f".//{name}") for name in ("INCIDENCE_ANGLE", "VIEWING_ANGLE"))
+    return sun | view_tags(incidence, azimuth, off_nadir, _PLEIADES_ORBIT)
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
