@@ -18,6 +18,9 @@ from .readers.grid import ground_size
 from .readers.undeclared import settled
 from .scene import Scene
 
+OF_FIT = "nir valid_fraction water_fraction looked_at_pixels glint_level r2 slopes suggested_method reason choice"
+"""Entries of the result of `examine` that are only known after a fit."""
+
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
@@ -59,11 +62,13 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
                 notes.append(overview.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
     except DeglintError as error:
-        out["reason"] = str(error) if time.monotonic() <= deadline else (
-            f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
-            "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
-        )  # fmt: skip
+        out["reason"] = str(error)
+        if time.monotonic() > deadline:
+            out["reason"] = (
+                f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
+                f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
+                "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
+            )
         return out
     finally:
         source.deadline = math.inf
@@ -84,8 +89,6 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
 def _header(scene: Scene) -> dict[str, Any]:
     """The result of `examine` with only those properties that are known without a fit; all others are None or empty."""
     info = raster_of(scene).info
-    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
-               "suggested_method", "reason", "choice")  # fmt: skip
     return {
         "path": scene.path,
         "driver": info.driver,
@@ -99,7 +102,7 @@ def _header(scene: Scene) -> dict[str, Any]:
         "product": scene.product,
         "opened": list(scene.notes),
         "bands": [asdict(b) for b in scene.bands],
-        **dict.fromkeys(unknown),
+        **dict.fromkeys(OF_FIT.split()),
         "tried": [],
         "notes": list(scene.notes),
     }

@@ -47,9 +47,13 @@ Work = Callable[[Scene, Tile], npt.NDArray[Any]]  # function that makes a (band,
 
 @checked_keywords()
 def fit(
-    array: Any, recipe: Recipe | str = "auto", *, threads: int | None = None, sensor: str | None = None,
+    array: Any,
+    recipe: Recipe | str = "auto",
+    *,
+    threads: int | None = None,
+    sensor: str | None = None,
     nodata: float | str | None = None,
-) -> Fitted:  # fmt: skip
+) -> Fitted:
     """Fit a recipe to a DataArray; the pixels of a lazy array that the fit needs are computed now.
 
     Parameters
@@ -80,9 +84,15 @@ def fit(
 
 @checked_keywords("sensor", "nodata")
 def apply(
-    array: Any, fitted: Fitted | GlintModel, *, mask: str | None = None, chain: Chain | None = None,
-    dtype: str | None = None, threads: int | None = None, **reading: Any,
-) -> Any:  # fmt: skip
+    array: Any,
+    fitted: Fitted | GlintModel,
+    *,
+    mask: str | None = None,
+    chain: Chain | None = None,
+    dtype: str | None = None,
+    threads: int | None = None,
+    **reading: Any,
+) -> Any:
     """Correct a DataArray with a fitted recipe or model; the result for a lazy array is lazy.
 
     Parameters
@@ -142,9 +152,14 @@ def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any
 
 @checked_keywords()
 def remove(
-    array: Any, recipe: Recipe | str = "auto", *, dtype: str | None = None, threads: int | None = None,
-    sensor: str | None = None, nodata: float | str | None = None,
-) -> Any:  # fmt: skip
+    array: Any,
+    recipe: Recipe | str = "auto",
+    *,
+    dtype: str | None = None,
+    threads: int | None = None,
+    sensor: str | None = None,
+    nodata: float | str | None = None,
+) -> Any:
     """Fit a recipe to a DataArray and correct it: `fit`, then `apply`.
 
     Parameters
@@ -263,9 +278,14 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def over_tiles(
-    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int = 1,
+    opened: ArrayScene,
+    work: Work,
+    reach: int,
+    like: tuple[int, np.dtype[Any]],
+    *,
+    step: int = 1,
     threads: int | None = None,
-) -> Any:  # fmt: skip
+) -> Any:
     """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
     `work` must be picklable; it can read the tile and `reach` pixels around it. `like` is the number of bands and the
