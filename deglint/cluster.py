@@ -141,15 +141,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     with ExitStack() as stack:
         place: Any = address
         if workers is not None:
-            place = LocalCluster(
-                workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=memory,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                scheduler_kwargs={"dashboard": False},
-            )
+            quiet = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+            place = LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=memory, **quiet)
             stack.enter_context(place)
         try:
             client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
