@@ -151,28 +151,24 @@ print_sidecar = with_options(
     heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print OUT.json on stdout, too.")
 )
 read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
+MEMORY_SHARE = "its share of the machine's"
+SHARED_HELP = {
+    "--sensor": "Preset that fills in what the file does not say of its bands (worldview3, sentinel2, planetscope, "
+    "micasense, landsat8, ...), or a file of a sensor of your own.",
+    "--bands": "Names of all bands in the file's order, such as 'blue,green,red,nir', if the file does not say them.",
+    "--scale": "Physical value = number in the file times scale plus offset; one scale for all bands or one for each, "
+    "in place of what the file says.",
+    "--worker-memory": "With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
+    "are done again.",
+    "--verbose": "Log the reasons of decisions, too; -vv: a traceback where it fails.",
+}
+"""Help texts of the options below that need more than one line."""
 reading = with_options(
     heading("Input"),
-    click.option(
-        "--sensor",
-        type=FileName(presets=True),
-        metavar="NAME|FILE.toml",
-        help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, planetscope, "
-        "micasense, landsat8, ...), or a file of a sensor of your own.",
-    ),
-    click.option(
-        "--bands",
-        "band_names",
-        metavar="NAME,NAME,...",
-        help="Names of all bands in the file's order, such as 'blue,green,red,nir', where the file does not say them.",
-    ),
+    click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml", help=SHARED_HELP["--sensor"]),
+    click.option("--bands", "band_names", metavar="NAME,NAME,...", help=SHARED_HELP["--bands"]),
     click.option("--wavelengths", metavar="NM,NM,...", help="Centre wavelengths [nm], such as 475,560,668,842."),
-    click.option(
-        "--scale",
-        metavar="N[,N...]",
-        help="Physical value = number in the file times scale plus offset; one scale for all bands or one for each, "
-        "in place of what the file says.",
-    ),
+    click.option("--scale", metavar="N[,N...]", help=SHARED_HELP["--scale"]),
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
     bands_to("--nir", shown="deduced from the wavelengths", said="NIR band by name or number (from 1)."),
     click.option(
@@ -186,25 +182,13 @@ processing = with_options(
         "--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see the input."
     ),
     click.option("--workers", type=COUNT, metavar="N", help="Work on N processes of this machine in place of threads."),
-    click.option(
-        "--worker-memory",
-        metavar="SIZE",
-        show_default="its share of the machine's",
-        help="With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles are done "
-        "again.",
-    ),
+    click.option("--worker-memory", metavar="SIZE", show_default=MEMORY_SHARE, help=SHARED_HELP["--worker-memory"]),
     threads,
 )
 """Options for threads, or a Dask cluster in place of them."""
 messages = with_options(
     heading("Messages"),
-    click.option(
-        "-v",
-        "--verbose",
-        count=True,
-        show_default=False,
-        help="Log the reasons of decisions, too; -vv: a traceback where it fails.",
-    ),
+    click.option("-v", "--verbose", count=True, show_default=False, help=SHARED_HELP["--verbose"]),
     click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
 )
 

@@ -40,7 +40,7 @@ def _boat(text: str) -> tuple[float, ...]:
 
 
 SPECTRUM = ChoiceFromTable("Spectrum", "deglint.physics.waves")
-SLOPES = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
+SLOPE_LAW = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
 KERNEL = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
 read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
 read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
@@ -57,7 +57,10 @@ simulate_options = options.with_options(
     click.option("--sky", type=options.SKY_CHOICE, default="cardioidal", help="Model of the sky."),
     click.option("--spectrum", type=SPECTRUM, default="elfouhaily", help="Spectrum of the waves."),
     click.option(
-        "--slopes", type=SLOPES, default="cox-munk", help="Distribution of slopes that the mean glint follows."
+        "--slopes",
+        type=SLOPE_LAW,
+        default="cox-munk",
+        help="Distribution of slopes that the mean glint follows.",
     ),
     click.option(
         "--fetch", default=100e3, metavar="M", help="For jonswap: distance that the wind has blown over water."

@@ -82,16 +82,9 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     notes: list[str] = []
     info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
+    source, notes = ArraySource(values, info), [*notes, *told]
     scene = Scene(
-        tuple(bands),
-        info.height,
-        info.width,
-        ArraySource(values, info),
-        path=info.paths[0],
-        crs=info.crs,
-        transform=info.transform,
-        sensor=preset,
-        notes=(*notes, *told),
+        tuple(bands), info.height, info.width, source, info.paths[0], info.crs, info.transform, preset, tuple(notes)
     )
     return ArrayScene(scene, values, array, ordered)
 

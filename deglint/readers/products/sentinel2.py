@@ -19,8 +19,8 @@ IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:j
 FOLDERS_ABOVE = 4  # metadata lie in up to this number of folders above the image
 _MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
-_NAMES = ("B01", "B02", "B03", "B04", "B05", "B06", "B07", "B08", "B8A", "B09", "B10", "B11", "B12")
-PIXELS = dict(zip(_NAMES, (60, 10, 10, 10, 20, 20, 20, 10, 20, 60, 60, 20, 20), strict=True))
+_BAND_CODES = ("B01", "B02", "B03", "B04", "B05", "B06", "B07", "B08", "B8A", "B09", "B10", "B11", "B12")
+PIXELS = dict(zip(_BAND_CODES, (60, 10, 10, 10, 20, 20, 20, 10, 20, 60, 60, 20, 20), strict=True))
 """Pixel size of each band [m]."""
 _QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
