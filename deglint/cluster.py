@@ -133,17 +133,15 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
-        raise DeglintError(
-            "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
-        ) from error
+        raise DeglintError("a cluster needs distributed. Install it with: pip install 'deglint[cluster]'") from error
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):  # failures are raised as errors
         logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         place: Any = address
         if workers is not None:
             quiet = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
-            place = LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=memory, **quiet)
-            stack.enter_context(place)
+            local = LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=memory, **quiet)
+            place = stack.enter_context(local)
         try:
             client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
             stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)

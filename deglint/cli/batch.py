@@ -34,16 +34,10 @@ batch_options = with_options(
     ),
     click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory."),
     click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing."),
-    click.option(
-        "--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, in place of an older one."
-    ),
+    click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one."),
     heading("Processing"),
-    click.option(
-        "--jobs", type=COUNT, default=1, metavar="N", help="Scenes at the same time, each in a process of its own."
-    ),
-    click.option(
-        "--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads of each."
-    ),
+    click.option("--jobs", type=COUNT, default=1, metavar="N", help="Scenes at a time, each in a process of its own."),
+    click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads each."),
     heading("Messages"),
     click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
     messages,

@@ -172,15 +172,13 @@ reading = with_options(
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
     bands_to("--nir", shown="deduced from the wavelengths", said="NIR band by name or number (from 1)."),
     click.option(
-        "--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help="Value for nodata; none: every value is data."
+        "--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help="Nodata; none: every value is data."
     ),
 )
 """Options for reading the input."""
 processing = with_options(
     heading("Processing"),
-    click.option(
-        "--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster, whose workers see the input."
-    ),
+    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster; its workers see the input."),
     click.option("--workers", type=COUNT, metavar="N", help="Work on N processes of this machine in place of threads."),
     click.option("--worker-memory", metavar="SIZE", show_default=MEMORY_SHARE, help=SHARED_HELP["--worker-memory"]),
     threads,

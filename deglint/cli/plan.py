@@ -54,12 +54,10 @@ plan_options = with_options(
     setting("--lon", "place.longitude", "DEG", "Longitude, east positive."),
     click.option("--place", type=FILE, help="Raster or GeoJSON whose middle is the place."),
     setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str),
-    click.option(
-        "--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun's angles, in place of place and time."
-    ),
+    click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun's angles, not place and time."),
     heading("Wind and air"),
     click.option(
-        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m, and where it blows from; 5@0 by default."
+        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m, and where from; 5@0 by default."
     ),
     setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
     setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
@@ -82,16 +80,10 @@ plan_options = with_options(
     setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE),
     heading("What is excluded"),
     setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    setting(
-        "--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of the sea that mirrors the sun."
-    ),
-    setting(
-        "--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre that counts as sun; its disk by default."
-    ),
+    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea mirroring the sun."),
+    setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun; its disk by default."),
     setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky; 2 by default."),
-    setting(
-        "--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of sea with too much sky; 0.1 by default."
-    ),
+    setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share with too much sky; 0.1 by default."),
     heading("When to fly"),
     click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
     click.option("--to", "end", metavar="ISO", help="the last,"),
@@ -110,9 +102,7 @@ plan_options = with_options(
     click.option("--roll", type=float, metavar="DEG", help="and to the right by this."),
     heading("A page with sliders"),
     click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
-    click.option(
-        "--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 8765 by default; 0 takes a free one."
-    ),
+    click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 8765 by default; 0: a free one."),
     click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
     heading("Output"),
     click.option(

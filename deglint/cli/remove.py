@@ -74,7 +74,7 @@ remove_options = options.with_options(
     ),
     heading("Input"),
     click.option(
-        "--grid", type=FILE, metavar="FILE|N", show_default="the finest", help="The one of several files with the grid."
+        "--grid", type=FILE, metavar="FILE|N", show_default="the finest", help="The file that gives the grid."
     ),
     options.reading,
     heading("Output"),

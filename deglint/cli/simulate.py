@@ -56,15 +56,8 @@ simulate_options = options.with_options(
     click.option("--chlorophyll", default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
     click.option("--sky", type=options.SKY_CHOICE, default="cardioidal", help="Model of the sky."),
     click.option("--spectrum", type=SPECTRUM, default="elfouhaily", help="Spectrum of the waves."),
-    click.option(
-        "--slopes",
-        type=SLOPE_LAW,
-        default="cox-munk",
-        help="Distribution of slopes that the mean glint follows.",
-    ),
-    click.option(
-        "--fetch", default=100e3, metavar="M", help="For jonswap: distance that the wind has blown over water."
-    ),
+    click.option("--slopes", type=SLOPE_LAW, default="cox-munk", help="Distribution of slopes for the mean glint."),
+    click.option("--fetch", default=100e3, metavar="M", help="For jonswap: distance the wind has blown over water."),
     click.option("--patch", default=0.005, metavar="M", help="Size of the patches of one slope; 0: no sparkle."),
     click.option("--seed", default=0, metavar="N", help="Seed: the same gives the same scene."),
     heading("What lies in the water and on it"),
@@ -73,9 +66,7 @@ simulate_options = options.with_options(
     click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
     click.option("--texture", default=0.4, metavar="SHARE", help="For --bottom: share of patches of algae."),
     click.option("--coast", default=0.0, metavar="M", help="Width of land along the right edge."),
-    click.option(
-        "--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: as the wind makes."
-    ),
+    click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: by the wind."),
     click.option(
         "--boat",
         multiple=True,
@@ -85,12 +76,8 @@ simulate_options = options.with_options(
     ),
     heading("Sensor"),
     click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor."),
-    click.option(
-        "--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Size of the image [pixel]."
-    ),
-    click.option(
-        "--delay", type=float, multiple=True, metavar="S", help="Delay from band to band; the sensor's by default."
-    ),
+    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Image size [pixel]."),
+    click.option("--delay", type=float, multiple=True, metavar="S", help="Band delay; the sensor's by default."),
     click.option("--view-zenith", default=0.0, metavar="DEG", help="Angle of the sensor off nadir."),
     click.option("--view-azimuth", default=0.0, metavar="DEG", help="Azimuth of the sensor, seen from the sea."),
     click.option("--supersample", default=4, metavar="N", help="Facets per pixel, each way."),
@@ -101,9 +88,7 @@ simulate_options = options.with_options(
     click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG."),
     heading("Output"),
     click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),
-    click.option(
-        "--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, into the directory OUT."
-    ),
+    click.option("--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, in directory OUT."),
     click.option("--overwrite", is_flag=True, help="Replace files that are there."),
     click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop."),
     heading("Processing"),
