@@ -80,9 +80,8 @@ class Layout:
         that covers the image (or 512) if `tile` covers it, else the largest that divides the side of `tile` (or 16).
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
-        rows, columns = (
-            _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)
-        )
+        sizes = self.info.height, self.info.width
+        rows, columns = (_block_side(*sides) for sides in zip(self.tile, sizes, own, strict=True))
         return rows, columns
 
 

@@ -46,9 +46,8 @@ def find(container: Container) -> Product | None:
 def _product(container: Container, member: str, root: ET.Element) -> Product:
     ids, notes = _order(root)
     processing = said(root, ".//RADIOMETRIC_PROCESSING").upper()
-    special = {
-        said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in root.iter("Special_Value")
-    }
+    values = root.iter("Special_Value")
+    special = {said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in values}
     marks: dict[str, Any] = {"nodata": special.get("NODATA", 0.0), "saturation": special.get("SATURATED")}
     bands = [
         ProductBand(container.gdal(member), _NAMES.get(band, band), **marks, **_band(root, band, processing))
@@ -120,9 +119,8 @@ def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
     kind, unit = "Band_Radiance", PRODUCT_UNIT
     if processing == "REFLECTANCE":
         kind, unit = "Band_Reflectance", "reflectance"
-    factors, ends = (
-        next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in (kind, "Band_Spectral_Range")
-    )
+    kinds = kind, "Band_Spectral_Range"
+    factors, ends = (next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in kinds)
     found: dict[str, Any] = {}
     gain, bias = positive(said(factors, "GAIN")), said_number(factors, "BIAS")
     if gain is not None and bias is not None and processing in _SCALED:
