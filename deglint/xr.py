@@ -13,7 +13,7 @@ the result of `deglint remove`, to the bit. Arrays may come from rioxarray, odc-
 
 import contextlib
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -190,7 +190,7 @@ def remove(
     (70, 0)
     """
     xarray = need_xarray()
-    given: Mapping[str, Any] = {"threads": threads, "sensor": sensor, "nodata": nodata}
+    given: Any = {"threads": threads, "sensor": sensor, "nodata": nodata}
     work = partial(remove, recipe=recipe, dtype=dtype, **given)
     if isinstance(array, xarray.Dataset):
         return _by_variables(array, work)
@@ -232,12 +232,8 @@ def stack(dataset: Any) -> Any:
 
     Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
     variables are known, all other variables, such as masks, are left out. A single variable with a dimension band is
-    returned alone.
-
-    Raises
-    ------
-    InputError
-        If the variables of two or more dimensions differ in them, there are none, or several have a dimension band.
+    returned alone. Raises InputError if the variables of two or more dimensions differ in them, there are none, or
+    several have a dimension band.
     """
     if deep := _with_bands(dataset):
         if len(deep) > 1:
@@ -278,13 +274,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def over_tiles(
-    opened: ArrayScene,
-    work: Work,
-    reach: int,
-    like: tuple[int, np.dtype[Any]],
-    *,
-    step: int = 1,
-    threads: int | None = None,
+    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int, threads: int | None
 ) -> Any:
     """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
