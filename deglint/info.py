@@ -54,9 +54,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
             overview = overview_of(scene, nir, threads)
-            valid = [np.isfinite(block) for block in read_tiles(scene, overview.tiles, [nir], threads)]
-            out["looked_at_pixels"] = sum(block.size for block in valid)
-            out["valid_fraction"] = float(sum(block.sum() for block in valid) / out["looked_at_pixels"])
+            read = read_tiles(scene, overview.tiles, [nir], threads)
+            valid = np.concatenate([np.isfinite(block).ravel() for block in read])
+            out |= {"looked_at_pixels": valid.size, "valid_fraction": float(valid.mean())}
             if overview.water is not None:
                 out["water_fraction"] = overview.water.water_fraction
                 notes.append(overview.water.reason)
@@ -78,10 +78,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
     out["suggested_method"], out["reason"] = fitted.model.method, "selected explicitly"
     if (choice := fitted.choice) is not None:
-        copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()
-        out["suggested_method"] = None if copied else choice.best.name
-        out["reason"] = choice.why_copied if copied else choice.why
+        best = (None, choice.why_copied) if choice.best.method == "copy" else (choice.best.name, choice.why)
+        out["suggested_method"], out["reason"] = best
     notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
     return out
 

@@ -171,9 +171,7 @@ reading = with_options(
     click.option("--scale", metavar="N[,N...]", help=SHARED_HELP["--scale"]),
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
     bands_to("--nir", shown="deduced from the wavelengths", said="NIR band by name or number (from 1)."),
-    click.option(
-        "--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help="Nodata; none: every value is data."
-    ),
+    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help="Nodata; none: each value is data."),
 )
 """Options for reading the input."""
 processing = with_options(

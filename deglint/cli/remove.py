@@ -73,9 +73,7 @@ remove_options = options.with_options(
         "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
     ),
     heading("Input"),
-    click.option(
-        "--grid", type=FILE, metavar="FILE|N", show_default="the finest", help="The file that gives the grid."
-    ),
+    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help="The file that sets the grid."),
     options.reading,
     heading("Output"),
     click.option("--save-model", type=FILE, help="Write the fitted model, to apply to another scene."),

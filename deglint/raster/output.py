@@ -61,9 +61,7 @@ class Layout:
     names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
     tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
-    flags: Mapping[int, str] = field(
-        default_factory=dict
-    )  # meaning of each bit, for flags: with colours, never averaged
+    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit of flags, which get colours
 
     @property
     def overviews(self) -> bool:
