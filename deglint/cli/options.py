@@ -158,11 +158,12 @@ SHARED_HELP = {
     "--bands": "Names of all bands in the file's order, such as 'blue,green,red,nir', if the file does not say them.",
     "--scale": "Physical value = number in the file times scale plus offset; one scale for all bands or one for each, "
     "in place of what the file says.",
+    "--nodata": "Value that means: not valid; none: every number is data.",
     "--worker-memory": "With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
     "are done again.",
     "--verbose": "Log the reasons of decisions, too; -vv: a traceback where it fails.",
 }
-"""Help texts of the options below that need more than one line."""
+"""Help texts that do not fit in the line of their option."""
 reading = with_options(
     heading("Input"),
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml", help=SHARED_HELP["--sensor"]),
@@ -171,7 +172,7 @@ reading = with_options(
     click.option("--scale", metavar="N[,N...]", help=SHARED_HELP["--scale"]),
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
     bands_to("--nir", shown="deduced from the wavelengths", said="NIR band by name or number (from 1)."),
-    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help="Nodata; none: each value is data."),
+    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help=SHARED_HELP["--nodata"]),
 )
 """Options for reading the input."""
 processing = with_options(

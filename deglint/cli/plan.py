@@ -56,7 +56,9 @@ plan_options = with_options(
     setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str),
     click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun's angles, not place and time."),
     heading("Wind and air"),
-    click.option("--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m and where from; 5@0 by default."),
+    click.option(
+        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m, and where it blows from; 5@0 by default."
+    ),
     setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
     setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
     setting("--visibility", "air.visibility", "KM", "Visibility; 40 by default."),

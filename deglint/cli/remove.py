@@ -41,6 +41,7 @@ HELP = {
     "--floor-percentile": "For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum.",
     "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
     "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance.",
+    "--grid": "Of several files, the one whose grid to use.",
     "--flags": "Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated before, 32 "
     "clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 negligible, 2 correctable, 3 "
     "uncorrectable.",
@@ -49,7 +50,7 @@ HELP = {
     "--stderr": "Write the standard error of every pixel of the bands that may change (float32, physical units).",
     "--dtype": "Type of the output. Values of integer types are rounded, and clipped to the range of the type.",
 }
-"""Help texts of the options that need more than one line."""
+"""Help texts that do not fit in the line of their option."""
 remove_options = options.with_options(
     heading("What to do"),
     click.option("--method", type=METHOD, default="auto", help=HELP["--method"]),
@@ -73,7 +74,7 @@ remove_options = options.with_options(
         "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
     ),
     heading("Input"),
-    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help="The file that sets the grid."),
+    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"]),
     options.reading,
     heading("Output"),
     click.option("--save-model", type=FILE, help="Write the fitted model, to apply to another scene."),
