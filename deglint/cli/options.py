@@ -136,23 +136,9 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     return decorate
 
 
-threads = click.option(
-    "--threads", type=COUNT, metavar="N", show_default="all processors", help="The result does not depend on it."
-)
-creation = click.option(
-    "--co",
-    "options",
-    multiple=True,
-    callback=creation_options,
-    metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
-)
-print_sidecar = with_options(
-    heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print OUT.json on stdout, too.")
-)
-read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 MEMORY_SHARE = "its share of the machine's"
 SHARED_HELP = {
+    "--co": "GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
     "--sensor": "Preset that fills in what the file does not say of its bands (worldview3, sentinel2, planetscope, "
     "micasense, landsat8, ...), or a file of a sensor of your own.",
     "--bands": "Names of all bands in the file's order, such as 'blue,green,red,nir', if the file does not say them.",
@@ -164,6 +150,16 @@ SHARED_HELP = {
     "--verbose": "Log the reasons of decisions, too; -vv: a traceback where it fails.",
 }
 """Help texts that do not fit in the line of their option."""
+threads = click.option(
+    "--threads", type=COUNT, metavar="N", show_default="all processors", help="The result does not depend on it."
+)
+creation = click.option(
+    "--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE", help=SHARED_HELP["--co"]
+)
+print_sidecar = with_options(
+    heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print OUT.json on stdout, too.")
+)
+read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 reading = with_options(
     heading("Input"),
     click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml", help=SHARED_HELP["--sensor"]),

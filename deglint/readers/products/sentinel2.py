@@ -56,12 +56,11 @@ def find(container: Container) -> Product | None:
     safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
     name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
     facts = {
-        "satellite": "SPACECRAFT_NAME",
-        "acquired": "PRODUCT_START_TIME",
-        "processing_baseline": "PROCESSING_BASELINE",
+        "satellite": said(root, ".//SPACECRAFT_NAME"),
+        "acquired": said(root, ".//PRODUCT_START_TIME"),
+        "processing_baseline": said(root, ".//PROCESSING_BASELINE"),
     }
-    tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, granule)
+    tags = tags_of(facts) | _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
