@@ -134,15 +134,20 @@ def apply(
                 "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
             )
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
-    scene, info = opened.scene, raster_of(opened.scene).info
+    work = _correction(opened.scene, fitted, mask, dtype)
+    every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
+    step = CHAIN_CELL if work.by_cells else 1
+    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
+
+
+def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
+    """The correction without its scene, for tasks. The result has no mask, and each band keeps its own nodata."""
+    info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
     work = correction(scene, fitted, mask=mask, dtype=dtype)
-    nodata = work.layout.nodata if info.nodata is not None else None  # each band keeps its own
-    work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
-    every = (len(scene.bands), np.dtype(work.layout.dtype))
-    step = CHAIN_CELL if work.by_cells else 1
-    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
+    nodata = work.layout.nodata if info.nodata is not None else None
+    return replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
 
 
 def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from . import options
-from .options import ChoiceFromTable, heading, parsed
+from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at th
 read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
 read_foam = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
-simulate_options = options.with_options(
+simulate_options = with_options(
     heading("Sea and light"),
     click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
     click.option("--wind-from", default=30.0, metavar="DEG", help="Azimuth that it blows from."),
@@ -92,14 +92,14 @@ simulate_options = options.with_options(
     click.option("--overwrite", is_flag=True, help="Replace files that are there."),
     click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop."),
     heading("Processing"),
-    options.threads,
+    threads,
     heading("Messages"),
     click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout."),
     options.messages,
 )
 
 
-@click.command(cls=options.Grouped, context_settings=options.SETTINGS)
+@click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
 @simulate_options
 def simulate(out: Path, **given: Any) -> None:
