@@ -81,7 +81,7 @@ class Recipe:
         if self.floor_percentile and self.method not in ("hedley", "multiband"):
             raise InputError("a floor percentile is for --method hedley or multiband: leave it out, or name one.")
         if self.regression != "auto" and not (method and method.regresses):
-            raise InputError(f"{self.method} fits no slopes: leave out --regression, or name a method such as hedley.")
+            raise InputError(f"{self.method} has no regression: leave out --regression, or name a method like hedley.")
         if self.rrs_factor != float(np.pi) and self.method != "goodman":
             raise InputError("the rrs factor is for method goodman.")
         if self.smallest_object and self.chain != "auto":

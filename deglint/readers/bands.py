@@ -294,7 +294,9 @@ def optics_of(scene: Scene) -> dict[str, float] | None:
     f_number, pitch, smear = (number(tags.get(name)) for name in ("F_NUMBER", "PIXEL_PITCH_UM", "SMEAR_PIXELS"))
     if not positive(f_number) or not positive(pitch):
         optics = sensor_of(scene.sensor).optics if scene.sensor else None
-        f_number, pitch, smear = (optics.f_number, optics.pixel_pitch, None) if optics else (None, None, None)
+        if optics is None:
+            return None
+        f_number, pitch, smear = optics.f_number, optics.pixel_pitch, None
     if f_number is None or pitch is None:
         return None
     return {"f_number": f_number, "pitch": 1e-6 * pitch} | ({} if smear is None else {"smear": smear})
