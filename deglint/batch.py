@@ -187,9 +187,15 @@ def state_of(job: Job) -> tuple[str, str]:
 
 
 def run_batch(
-    order: BatchConfig, scenes: Sequence[ListedScene], *, processes: int = 1, threads: int | None = None,
-    overwrite: bool = False, dry_run: bool = False, done: Callable[[Outcome], None] | None = None,
-) -> list[Outcome]:  # fmt: skip
+    order: BatchConfig,
+    scenes: Sequence[ListedScene],
+    *,
+    processes: int = 1,
+    threads: int | None = None,
+    overwrite: bool = False,
+    dry_run: bool = False,
+    done: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:
     """Remove glint from many scenes and return the outcome of each, in the order of `scenes`.
 
     `processes` scenes are processed at the same time, each with `threads` threads (by default the processors are

@@ -33,9 +33,13 @@ class Cluster:
     client: Any  # the `distributed.Client`
 
     def run(
-        self, everything: Sequence[Tile], work: Callable[[Tile], Any], *,
-        progress: Callable[[int, int], None] | None = None, **_of_threads: Any,
-    ) -> Iterator[tuple[Tile, Any]]:  # fmt: skip
+        self,
+        everything: Sequence[Tile],
+        work: Callable[[Tile], Any],
+        *,
+        progress: Callable[[int, int], None] | None = None,
+        **_of_threads: Any,
+    ) -> Iterator[tuple[Tile, Any]]:
         """Call `work` on every tile and yield (tile, result) in order; for threads, `deglint.tiles.run` does the same.
 
         Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
@@ -129,19 +133,15 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     try:
         from distributed import Client, LocalCluster
     except ModuleNotFoundError as error:
-        raise DeglintError(
-            "a cluster needs dask's distributed. Install it with: pip install 'deglint[cluster]'"
-        ) from error
+        raise DeglintError("a cluster needs distributed. Install it with: pip install 'deglint[cluster]'") from error
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):  # failures are raised as errors
         logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         place: Any = address
         if workers is not None:
-            place = LocalCluster(
-                workers, threads_per_worker=1, processes=True, memory_limit=memory, host="127.0.0.1",
-                dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False},
-            )  # fmt: skip
-            stack.enter_context(place)
+            quiet = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+            local = LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=memory, **quiet)
+            place = stack.enter_context(local)
         try:
             client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
             stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)

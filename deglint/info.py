@@ -18,6 +18,9 @@ from .readers.grid import ground_size
 from .readers.undeclared import settled
 from .scene import Scene
 
+OF_FIT = "nir valid_fraction water_fraction looked_at_pixels glint_level r2 slopes suggested_method reason choice"
+"""Entries of the result of `examine` that are only known after a fit."""
+
 
 @checked_keywords()
 def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None) -> dict[str, Any]:
@@ -51,19 +54,21 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
             out["nir"] = [scene.bands[b].name for i in request.indexes for b in i.bands]
             nir = request.indexes[0].bands[0]
             overview = overview_of(scene, nir, threads)
-            valid = [np.isfinite(block) for block in read_tiles(scene, overview.tiles, [nir], threads)]
-            out["looked_at_pixels"] = sum(block.size for block in valid)
-            out["valid_fraction"] = float(sum(block.sum() for block in valid) / out["looked_at_pixels"])
+            read = read_tiles(scene, overview.tiles, [nir], threads)
+            valid = np.concatenate([np.isfinite(block).ravel() for block in read])
+            out |= {"looked_at_pixels": valid.size, "valid_fraction": float(valid.mean())}
             if overview.water is not None:
                 out["water_fraction"] = overview.water.water_fraction
                 notes.append(overview.water.reason)
             fitted = fit_scene(scene, recipe, threads=threads)
     except DeglintError as error:
-        out["reason"] = str(error) if time.monotonic() <= deadline else (
-            f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-            f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
-            "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
-        )  # fmt: skip
+        out["reason"] = str(error)
+        if time.monotonic() > deadline:
+            out["reason"] = (
+                f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
+                f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
+                "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
+            )
         return out
     finally:
         source.deadline = math.inf
@@ -73,10 +78,9 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         out |= {k: fitted.sampled[k] for k in ("r2", "slopes", "glint_level")}
     out["suggested_method"], out["reason"] = fitted.model.method, "selected explicitly"
     if (choice := fitted.choice) is not None:
-        copied = choice.best.method == "copy"
         out["choice"], out["tried"] = choice.numbers(), choice.lines()
-        out["suggested_method"] = None if copied else choice.best.name
-        out["reason"] = choice.why_copied if copied else choice.why
+        best = (None, choice.why_copied) if choice.best.method == "copy" else (choice.best.name, choice.why)
+        out["suggested_method"], out["reason"] = best
     notes += [n for n in fitted.notes if n not in notes and n not in out["tried"]]
     return out
 
@@ -84,8 +88,6 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
 def _header(scene: Scene) -> dict[str, Any]:
     """The result of `examine` with only those properties that are known without a fit; all others are None or empty."""
     info = raster_of(scene).info
-    unknown = ("nir", "valid_fraction", "water_fraction", "looked_at_pixels", "glint_level", "r2", "slopes",
-               "suggested_method", "reason", "choice")  # fmt: skip
     return {
         "path": scene.path,
         "driver": info.driver,
@@ -99,7 +101,7 @@ def _header(scene: Scene) -> dict[str, Any]:
         "product": scene.product,
         "opened": list(scene.notes),
         "bands": [asdict(b) for b in scene.bands],
-        **dict.fromkeys(unknown),
+        **dict.fromkeys(OF_FIT.split()),
         "tried": [],
         "notes": list(scene.notes),
     }

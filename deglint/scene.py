@@ -101,19 +101,8 @@ class Scene:
     def plot(self, ax: Any = None) -> Any:
         """Draw the scene in natural colours; glint, clouds and foam are white. Needs matplotlib.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        InputError, ReadError
-            If matplotlib is not installed, or if the file cannot be read.
+        `ax` is the matplotlib Axes to draw in, by default those of a new figure; they are returned. Raises InputError
+        if matplotlib is not installed, ReadError if the file cannot be read.
         """
         from .plotting import drawn
 
@@ -164,13 +153,7 @@ class Scene:
         return self.source.read(((top, bottom), (left, right)), list(indexes))
 
     def index(self, band: int | str) -> int:
-        """0-based index of a band given by 0-based index or by name (case does not matter).
-
-        Raises
-        ------
-        BandError
-            If there is no such band; the message lists the bands.
-        """
+        """0-based index of a band given by 0-based index or by name (any case). Raises BandError if there is none."""
         names = [name.casefold() for name in self.names]
         if isinstance(band, str):
             if (wanted := band.strip().casefold()) in names:

@@ -13,7 +13,7 @@ the result of `deglint remove`, to the bit. Arrays may come from rioxarray, odc-
 
 import contextlib
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -47,9 +47,13 @@ Work = Callable[[Scene, Tile], npt.NDArray[Any]]  # function that makes a (band,
 
 @checked_keywords()
 def fit(
-    array: Any, recipe: Recipe | str = "auto", *, threads: int | None = None, sensor: str | None = None,
+    array: Any,
+    recipe: Recipe | str = "auto",
+    *,
+    threads: int | None = None,
+    sensor: str | None = None,
     nodata: float | str | None = None,
-) -> Fitted:  # fmt: skip
+) -> Fitted:
     """Fit a recipe to a DataArray; the pixels of a lazy array that the fit needs are computed now.
 
     Parameters
@@ -80,17 +84,22 @@ def fit(
 
 @checked_keywords("sensor", "nodata")
 def apply(
-    array: Any, fitted: Fitted | GlintModel, *, mask: str | None = None, chain: Chain | None = None,
-    dtype: str | None = None, threads: int | None = None, **reading: Any,
-) -> Any:  # fmt: skip
+    array: Any,
+    fitted: Fitted | GlintModel,
+    *,
+    mask: str | None = None,
+    chain: Chain | None = None,
+    dtype: str | None = None,
+    threads: int | None = None,
+    **reading: Any,
+) -> Any:
     """Correct a DataArray with a fitted recipe or model; the result for a lazy array is lazy.
 
     Parameters
     ----------
-    array : DataArray
-    fitted : Fitted or GlintModel
-        The result of `fit`; or a model alone, from this scene or another. With a model alone and `mask` "auto", pixels
-        of a lazy array are computed now, to find water.
+    array, fitted : DataArray, and Fitted or GlintModel
+        `fitted` is the result of `fit`; or a model alone, from this scene or another. With a model alone and `mask`
+        "auto", pixels of a lazy array are computed now, to find water.
     mask : str, optional
         The pixels to correct, as in `Recipe`; by default those of the fit, or "auto" with a model alone.
     chain : Chain, optional
@@ -125,15 +134,20 @@ def apply(
                 "Pass fitted.model (and chain=fitted.chain) to use it on another scene."
             )
         opened = replace(opened, scene=fitted.undeclared.on(opened.scene))
-    scene, info = opened.scene, raster_of(opened.scene).info
+    work = _correction(opened.scene, fitted, mask, dtype)
+    every = (len(opened.scene.bands), np.dtype(work.layout.dtype))
+    step = CHAIN_CELL if work.by_cells else 1
+    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
+
+
+def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
+    """The correction without its scene, for tasks. The result has no mask, and each band keeps its own nodata."""
+    info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
     work = correction(scene, fitted, mask=mask, dtype=dtype)
-    nodata = work.layout.nodata if info.nodata is not None else None  # each band keeps its own
-    work = replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
-    every = (len(scene.bands), np.dtype(work.layout.dtype))
-    step = CHAIN_CELL if work.by_cells else 1
-    return opened.like(over_tiles(opened, partial(_correct_tile, work), work.halo, every, step=step, threads=threads))
+    nodata = work.layout.nodata if info.nodata is not None else None
+    return replace(work, scene=None, layout=replace(work.layout, masked=False, nodata=nodata))  # type: ignore[arg-type]
 
 
 def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any]:
@@ -142,9 +156,14 @@ def _correct_tile(work: Correction, scene: Scene, tile: Tile) -> npt.NDArray[Any
 
 @checked_keywords()
 def remove(
-    array: Any, recipe: Recipe | str = "auto", *, dtype: str | None = None, threads: int | None = None,
-    sensor: str | None = None, nodata: float | str | None = None,
-) -> Any:  # fmt: skip
+    array: Any,
+    recipe: Recipe | str = "auto",
+    *,
+    dtype: str | None = None,
+    threads: int | None = None,
+    sensor: str | None = None,
+    nodata: float | str | None = None,
+) -> Any:
     """Fit a recipe to a DataArray and correct it: `fit`, then `apply`.
 
     Parameters
@@ -175,7 +194,7 @@ def remove(
     (70, 0)
     """
     xarray = need_xarray()
-    given: Mapping[str, Any] = {"threads": threads, "sensor": sensor, "nodata": nodata}
+    given: Any = {"threads": threads, "sensor": sensor, "nodata": nodata}
     work = partial(remove, recipe=recipe, dtype=dtype, **given)
     if isinstance(array, xarray.Dataset):
         return _by_variables(array, work)
@@ -217,12 +236,8 @@ def stack(dataset: Any) -> Any:
 
     Nodata, scales and offsets that differ become lists with one entry per band. If the wavelengths of at least two
     variables are known, all other variables, such as masks, are left out. A single variable with a dimension band is
-    returned alone.
-
-    Raises
-    ------
-    InputError
-        If the variables of two or more dimensions differ in them, there are none, or several have a dimension band.
+    returned alone. Raises InputError if the variables of two or more dimensions differ in them, there are none, or
+    several have a dimension band.
     """
     if deep := _with_bands(dataset):
         if len(deep) > 1:
@@ -263,9 +278,8 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def over_tiles(
-    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int = 1,
-    threads: int | None = None,
-) -> Any:  # fmt: skip
+    opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int, threads: int | None
+) -> Any:
     """Call `work` on all tiles of the scene `opened`: lazily on the chunks of a Dask array, else at once on threads.
 
     `work` must be picklable; it can read the tile and `reach` pixels around it. `like` is the number of bands and the

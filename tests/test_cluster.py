@@ -143,6 +143,11 @@ def test_memory_of_a_worker_is_told_and_below_its_limit(cluster, scene, tmp_path
     assert 0 < noted["most_memory_of_one_MB"] <= max(held.values()) / 1e6 + 0.1
 
 
+def test_as_many_workers_as_wanted():
+    with connect(workers=1) as found:
+        assert len(found.client.nthreads()) == 1
+
+
 def test_tiles_come_in_order(cluster):
     everything = tiles(300, 500, (100, 100))
     work = operator.attrgetter("col0", "row1")

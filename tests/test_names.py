@@ -293,7 +293,7 @@ def test_a_sensor_of_ones_own(tmp_path, write):
     scene = open_scene(write(tmp_path / "a.tif", np.zeros((3, 4, 5), np.uint16), names=()), sensor=toml)
     assert scene.names == ("deep", "lime", "far")
     assert [b.time_offset for b in scene.bands] == [0, 0.1, 0.2]
-    assert optics_of(scene).f_number == 4
+    assert optics_of(scene)["f_number"] == 4
     two = open_scene(write(tmp_path / "b.tif", np.zeros((2, 4, 5), np.uint16), names=()), sensor=str(toml))
     assert at(two) == [550, 860]
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import FILE, SETTINGS, Grouped, heading, with_options
+from .options import COUNT, FILE, SETTINGS, Grouped, heading, messages, with_options
 from .remove import read_bytes, size
 from .running import Console
 
@@ -26,24 +26,22 @@ log = logging.getLogger(__name__)
 
 batch_options = with_options(
     heading("Output"),
-    click.option("--overwrite", is_flag=True,
-                 help="Make again what exists and was made by another recipe or of another input. What is finished is "
-                      "never made again."),
+    click.option(
+        "--overwrite",
+        is_flag=True,
+        help="Make again what exists and was made by another recipe or of another input. What is finished is "
+        "never made again.",
+    ),
     click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory."),
     click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing."),
-    click.option("--table", type=FILE, metavar="FILE.csv",
-                 help="Write the summary as CSV, too, in place of an older one."),
+    click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one."),
     heading("Processing"),
-    click.option("--jobs", type=click.IntRange(1, 1024), default=1, metavar="N",
-                 help="Scenes at the same time, each in a process of its own."),
-    click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors, shared out",
-                 help="Threads of each."),
+    click.option("--jobs", type=COUNT, default=1, metavar="N", help="Scenes at a time, each in a process of its own."),
+    click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads each."),
     heading("Messages"),
     click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
-    click.option("-v", "--verbose", count=True, show_default=False,
-                 help="Log what is decided for each scene, too; -vv: a traceback where it fails."),
-    click.option("-q", "--quiet", is_flag=True, help="Print the summary and errors only."),
-)  # fmt: skip
+    messages,
+)
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
@@ -73,7 +71,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     extras = ["flags"]            # flags, amount, stderr, sample, model, picture
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
-    """  # fmt: skip
+    """
     from ..batch import FAILED, TODO, jobs_of, read_order, run_batch
     from ..raster.targets import check_targets
     from ..readers.scenes import list_scenes
@@ -87,10 +85,8 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         outputs = [path for job in jobs_of(order, listed) for path in job.outputs.every()]
         check_targets([table], {"an input": reads, "an output": outputs}, overwrite=older or given["overwrite"])
     with Console(given) as console:
-        found = run_batch(
-            order, listed, processes=given["jobs"], threads=given["threads"], overwrite=given["overwrite"],
-            dry_run=given["dry_run"], done=_watch(len(listed), console),
-        )  # fmt: skip
+        same = {name: given[name] for name in ("threads", "overwrite", "dry_run")}
+        found = run_batch(order, listed, processes=given["jobs"], done=_watch(len(listed), console), **same)
     if table and not given["dry_run"]:
         _write_table(table, found)
     if given["as_json"]:

@@ -6,15 +6,14 @@ from typing import Any
 
 import click
 
-from .options import FILE, SETTINGS, FileName, Grouped, heading, messages, opening, reading, threads
+from .options import FILE, SETTINGS, Grouped, heading, messages, opening, place, reading, threads
 from .running import Console
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="IN [IN ...]")
 @heading("What to do")
-@click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
-              help="Water to judge by; auto: all open water.")  # fmt: skip
+@place("--sample", "auto|all|FILE.geojson|WINDOW", "Water to judge by; auto: all open water.")
 @reading
 @heading("Processing")
 @threads
@@ -27,7 +26,7 @@ def info(inputs: tuple[str, ...], sample: str, as_json: bool, **given: Any) -> N
     \b
     deglint info scene.tif
     deglint info S2B_MSIL1C_20260621.SAFE --json
-    """  # fmt: skip
+    """
     from ..info import examine
     from ..pipeline import Recipe
     from ..raster.environment import environment

@@ -64,6 +64,7 @@ class FileName(click.Path):
 
     def __init__(self, *words: str, presets: bool = False) -> None:
         super().__init__(readable=False)
+        self.name = "file"  # in capitals the usual metavar
         self._words, self._presets = words, presets
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -76,6 +77,7 @@ class FileName(click.Path):
 
 
 FILE = FileName()
+COUNT = click.IntRange(1, 1024)  # of threads or processes
 
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -111,6 +113,18 @@ def parsed(read: Callable[[str], Any], wrong: str) -> Callable[..., Any]:
     return callback
 
 
+def place(option: str, metavar: str, said: str) -> Callable[[Any], Any]:
+    """Make an option for a file name or a word: those in lower case in `metavar`, of which the first is the default."""
+    words = [word for word in metavar.split("|") if word.islower()]
+    return click.option(option, type=FileName(*words), default=words[0], metavar=metavar, help=said)
+
+
+def bands_to(*option: str, shown: str, said: str) -> Callable[[Any], Any]:
+    """Make an option that takes bands, by names or numbers; `shown` describes its default, `said` is its help text."""
+    metavar = "BAND[,BAND]"
+    return click.option(*option, multiple=True, callback=names, metavar=metavar, show_default=shown, help=said)
+
+
 def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     """Decorator that adds several options to a command, in the order in which `--help` lists them."""
 
@@ -122,52 +136,54 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Any], Any]:
     return decorate
 
 
-threads = click.option("--threads", type=click.IntRange(1, 1024), metavar="N", show_default="all processors",
-                       help="The result does not depend on it.")  # fmt: skip
+MEMORY_SHARE = "its share of the machine's"
+SHARED_HELP = {
+    "--co": "GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
+    "--sensor": "Preset that fills in what the file does not say of its bands (worldview3, sentinel2, planetscope, "
+    "micasense, landsat8, ...), or a file of a sensor of your own.",
+    "--bands": "Names of all bands in the file's order, such as 'blue,green,red,nir', if the file does not say them.",
+    "--scale": "Physical value = number in the file times scale plus offset; one scale for all bands or one for each, "
+    "in place of what the file says.",
+    "--nodata": "Value that means: not valid; none: every number is data.",
+    "--worker-memory": "With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
+    "are done again.",
+    "--verbose": "Log the reasons of decisions, too; -vv: a traceback where it fails.",
+}
+"""Help texts that do not fit in the line of their option."""
+threads = click.option(
+    "--threads", type=COUNT, metavar="N", show_default="all processors", help="The result does not depend on it."
+)
 creation = click.option(
-    "--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE",
-    help="GDAL creation option, such as COMPRESS=ZSTD; OVERVIEWS=NONE leaves overviews out.",
-)  # fmt: skip
+    "--co", "options", multiple=True, callback=creation_options, metavar="NAME=VALUE", help=SHARED_HELP["--co"]
+)
 print_sidecar = with_options(
     heading("Messages"), click.option("--json", "as_json", is_flag=True, help="Print OUT.json on stdout, too.")
 )
 read_nodata = parsed(lambda text: text if text == "none" else float(text), "is not a number, nan or none.")
 reading = with_options(
     heading("Input"),
-    click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml",
-                 help="Preset that fills in what the file does not say of its bands (worldview3, sentinel2, "
-                      "planetscope, micasense, landsat8, ...), or a file of a sensor of your own."),
-    click.option("--bands", "band_names", metavar="NAME,NAME,...", help="Names of all bands in the file's "
-                 "order, such as 'blue,green,red,nir', where the file does not say them."),
-    click.option("--wavelengths", metavar="NM,NM,...",
-                 help="Central wavelengths of the bands [nm], such as 475,560,668,842."),
-    click.option("--scale", metavar="N[,N...]", help="Physical value = number in the file times scale plus "
-                 "offset; one scale for all bands or one for each, in place of what the file says."),
+    click.option("--sensor", type=FileName(presets=True), metavar="NAME|FILE.toml", help=SHARED_HELP["--sensor"]),
+    click.option("--bands", "band_names", metavar="NAME,NAME,...", help=SHARED_HELP["--bands"]),
+    click.option("--wavelengths", metavar="NM,NM,...", help="Centre wavelengths [nm], such as 475,560,668,842."),
+    click.option("--scale", metavar="N[,N...]", help=SHARED_HELP["--scale"]),
     click.option("--offset", metavar="N[,N...]", help="Offset of the physical values, such as -0.1."),
-    click.option("--nir", multiple=True, callback=names, metavar="BAND[,BAND]",
-                 show_default="deduced from the wavelengths", help="NIR band by name or number (from 1)."),
-    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none",
-                 help="Value that means: not valid; none: every number is data."),
-)  # fmt: skip
+    bands_to("--nir", shown="deduced from the wavelengths", said="NIR band by name or number (from 1)."),
+    click.option("--nodata", callback=read_nodata, metavar="NUMBER|nan|none", help=SHARED_HELP["--nodata"]),
+)
 """Options for reading the input."""
 processing = with_options(
     heading("Processing"),
-    click.option("--cluster", metavar="tcp://HOST:PORT",
-                 help="Work on this dask cluster, whose workers see the input."),
-    click.option("--workers", type=click.IntRange(1, 1024), metavar="N",
-                 help="Work on N processes of this machine in place of threads."),
-    click.option("--worker-memory", metavar="SIZE", show_default="its share of the machine's",
-                 help="With --workers: memory of each, such as 1GiB. A worker that needs more is ended, and its tiles "
-                 "are done again."),
+    click.option("--cluster", metavar="tcp://HOST:PORT", help="Work on this dask cluster; its workers see the input."),
+    click.option("--workers", type=COUNT, metavar="N", help="Work on N processes of this machine in place of threads."),
+    click.option("--worker-memory", metavar="SIZE", show_default=MEMORY_SHARE, help=SHARED_HELP["--worker-memory"]),
     threads,
-)  # fmt: skip
+)
 """Options for threads, or a Dask cluster in place of them."""
 messages = with_options(
     heading("Messages"),
-    click.option("-v", "--verbose", count=True, show_default=False,
-                 help="Log the reasons of decisions, too; -vv: a traceback where it fails."),
+    click.option("-v", "--verbose", count=True, show_default=False, help=SHARED_HELP["--verbose"]),
     click.option("-q", "--quiet", is_flag=True, help="Log errors only."),
-)  # fmt: skip
+)
 
 
 def opening(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import time
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .options import FILE, ChoiceFromTable, FileName, heading, opening
+from .options import FILE, ChoiceFromTable, heading, opening
 from .running import Console
 
 if TYPE_CHECKING:
@@ -21,63 +22,72 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 
+METHOD = ChoiceFromTable("METHODS", "deglint.remove", "auto")
+REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
+NIR_USE = click.Choice(["auto", "mean", "best", "set"])
+DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"])
+PERCENT = click.FloatRange(0, 100)
+HELP = {
+    "--method": "How to remove glint; auto: the candidate with the least expected error on sample tiles.",
+    "--sample": "Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
+    "column,row,width,height in pixels.",
+    "--compensate": "Stages around the removal, for glint that the NIR does not predict; auto: those of the best "
+    "candidate, none with a named --method. thesis: the chain of Fink's thesis. Or stages such as 'psf:2, "
+    "identify-level:13, replace-level, remove'.",
+    "--smallest-object": "Width of the smallest target that compensation must keep, such as 4m or 16px.",
+    "--mask": "What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
+    "--band": "Bands to correct, by name or number (from 1). The others are copied.",
+    "--regression": "How slopes are fitted; auto: detrended for an automatic sample, else ols.",
+    "--floor-percentile": "For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum.",
+    "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
+    "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance.",
+    "--grid": "Of several files, the one whose grid to use.",
+    "--flags": "Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated before, 32 "
+    "clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 negligible, 2 correctable, 3 "
+    "uncorrectable.",
+    "--amount": "Write the amount of sun glint that was removed (float32, physical units), with the modelled sky glint "
+    "in its tags and in the sidecar.",
+    "--stderr": "Write the standard error of every pixel of the bands that may change (float32, physical units).",
+    "--dtype": "Type of the output. Values of integer types are rounded, and clipped to the range of the type.",
+}
+"""Help texts that do not fit in the line of their option."""
 remove_options = options.with_options(
     heading("What to do"),
-    click.option("--method", type=ChoiceFromTable("METHODS", "deglint.remove", "auto"), default="auto",
-                 help="How to remove glint; auto: the candidate with the least expected error on sample tiles."),
-    click.option("--sample", type=FileName("auto", "all"), default="auto", metavar="auto|all|FILE.geojson|WINDOW",
-                 help="Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
-                      "column,row,width,height in pixels."),
-    click.option("--compensate", type=FileName("auto", "thesis", "off"), default="auto",
-                 metavar="auto|thesis|off|STAGES",
-                 help="Stages around the removal, for glint that the NIR does not predict; auto: those of the best "
-                      "candidate, none with a named --method. thesis: the chain of Fink's thesis. Or stages such as "
-                      "'psf:2, identify-level:13, replace-level, remove'."),
-    click.option("--smallest-object", default="", metavar="WIDTH",
-                 show_default="4m, or 16px where the size of a pixel is not known",
-                 help="Width of the smallest target that compensation must keep, such as 4m or 16px."),
-    click.option("--mask", type=FileName("auto", "none"), default="auto", metavar="auto|none|FILE|WINDOW",
-                 help="What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON."),
-    click.option("-b", "--band", "bands", multiple=True, callback=options.names, metavar="BAND[,BAND]",
-                 show_default="all of shorter wavelength than the NIR",
-                 help="Bands to correct, by name or number (from 1). The others are copied."),
-    click.option("--model", "model_in", type=FILE, metavar="FILE",
-                 help="Apply this saved model instead of fitting one."),
+    click.option("--method", type=METHOD, default="auto", help=HELP["--method"]),
+    options.place("--sample", "auto|all|FILE.geojson|WINDOW", HELP["--sample"]),
+    options.place("--compensate", "auto|thesis|off|STAGES", HELP["--compensate"]),
+    click.option(
+        "--smallest-object",
+        default="",
+        metavar="WIDTH",
+        show_default="4m, or 16px where the size of a pixel is not known",
+        help=HELP["--smallest-object"],
+    ),
+    options.place("--mask", "auto|none|FILE|WINDOW", HELP["--mask"]),
+    options.bands_to("-b", "--band", "bands", shown="all of shorter wavelength than the NIR", said=HELP["--band"]),
+    click.option("--model", "model_in", type=FILE, help="Apply this saved model instead of fitting one."),
     heading("Details of the fit"),
-    click.option("--regression", type=ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto"), default="auto",
-                 help="How slopes are fitted; auto: detrended for an automatic sample, else ols."),
-    click.option("--floor-percentile", type=click.FloatRange(0, 100), default=0.0, metavar="PERCENT",
-                 help="For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum."),
-    click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto",
-                 help="Of several NIR bands take the mean, the best for each band, or the one taken at the same time."),
-    click.option("--rrs-factor", type=float, default=3.141592653589793, metavar="FACTOR",
-                 show_default="pi, for reflectance",
-                 help="For goodman: values are this many times remote-sensing reflectance."),
+    click.option("--regression", type=REGRESSION, default="auto", help=HELP["--regression"]),
+    click.option("--floor-percentile", type=PERCENT, default=0.0, metavar="PERCENT", help=HELP["--floor-percentile"]),
+    click.option("--nir-use", type=NIR_USE, default="auto", help=HELP["--nir-use"]),
+    click.option(
+        "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
+    ),
     heading("Input"),
-    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest",
-                 help="Of several files, the one whose grid to use."),
+    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"]),
     options.reading,
     heading("Output"),
-    click.option("--save-model", type=FILE, metavar="FILE", help="Write the fitted model, to apply to another scene."),
+    click.option("--save-model", type=FILE, help="Write the fitted model, to apply to another scene."),
     click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample."),
-    click.option("--flags", type=FILE, metavar="FILE",
-                 help="Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated "
-                      "before, 32 clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 "
-                      "negligible, 2 correctable, 3 uncorrectable."),
-    click.option("--amount", type=FILE, metavar="FILE",
-                 help="Write the amount of sun glint that was removed (float32, physical units), with the modelled sky "
-                      "glint in its tags and in the sidecar."),
-    click.option("--stderr", type=FILE, metavar="FILE",
-                 help="Write the standard error of every pixel of the bands that may change (float32, "
-                      "physical units)."),
+    click.option("--flags", type=FILE, help=HELP["--flags"]),
+    click.option("--amount", type=FILE, help=HELP["--amount"]),
+    click.option("--stderr", type=FILE, help=HELP["--stderr"]),
     click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture."),
-    click.option("--dtype", type=click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"]),
-                 show_default="that of the input",
-                 help="Type of the output. Values of integer types are rounded, and clipped to the range of the type."),
+    click.option("--dtype", type=DTYPE, show_default="that of the input", help=HELP["--dtype"]),
     options.creation,
     click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
     click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing."),
-)  # fmt: skip
+)
 
 
 @click.command(cls=options.Grouped, context_settings=options.SETTINGS)
@@ -98,7 +108,7 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
     deglint remove scene.tif clean.tif --method hedley --sample deep.geojson
     deglint remove B02.tif B03.tif B04.tif B08.tif clean.tif --picture look.png
     deglint remove scene.tif clean.tif --flags flags.tif --dry-run
-    """  # fmt: skip
+    """
     options.needs_output(inputs, output, "deglint remove")
     from ..pipeline import Outputs, Recipe, remove_glint
     from ..pipeline.outputs import load_fit
@@ -115,10 +125,9 @@ def remove(inputs: tuple[str, ...], output: str, **given: Any) -> None:
         if given["dry_run"]:
             dry_run(inputs, targets, recipe, (model, chain), given, console)
             return
-        result = remove_glint(
-            list(inputs), targets, recipe, model=model, chain=chain, **opening(given),
-            grid=given["grid"], threads=given["threads"], cluster=cluster, progress=console.progress,
-        )  # fmt: skip
+        work = {"model": model, "chain": chain, "cluster": cluster, "progress": console.progress}
+        reading = opening(given) | {"grid": given["grid"]}
+        result = remove_glint(list(inputs), targets, recipe, threads=given["threads"], **reading, **work)
     if given["as_json"]:
         click.echo(json.dumps(result.sidecar, indent=2))
 
@@ -161,8 +170,8 @@ def dry_run(
     amount = 4 * pixels * len(work.amount_bands)  # float32
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
-    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels,
-                targets.amount: amount, targets.stderr: amount}  # fmt: skip
+    per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels}
+    per_file |= dict.fromkeys((targets.amount, targets.stderr), amount)
     # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in fitted.model.index_bands]
@@ -170,9 +179,12 @@ def dry_run(
     if given["as_json"]:
         click.echo(json.dumps(plain({**about, "files": files}), indent=2))
         return
-    lines = [f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
-             f"reference bands: {', '.join(nir) or 'none'}", f"options: {as_options(used)}",
-             f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once"]  # fmt: skip
+    lines = [
+        f"{scene.path}: {scene.height} x {scene.width} pixels, bands {', '.join(scene.names)}",
+        f"reference bands: {', '.join(nir) or 'none'}",
+        f"options: {as_options(used)}",
+        f"fit in {took:.2f} s; the correction reads {size(data)} of pixels once",
+    ]
     lines += [f"would write {name}" + (f" ({size(count)})" if count else "") for name, count in files.items()]
     lines += [f"{len(files)} files, {size(sum(n or 0 for n in files.values()))} of pixels before compression"]
     click.echo("\n".join(lines))

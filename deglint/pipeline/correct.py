@@ -263,9 +263,14 @@ class Correction:
 
 
 def correction(
-    scene: Scene, fitted: Fitted, *, mask: str | None = None, targets: Outputs | None = None, dtype: str | None = None,
+    scene: Scene,
+    fitted: Fitted,
+    *,
+    mask: str | None = None,
+    targets: Outputs | None = None,
+    dtype: str | None = None,
     threads: int = 1,
-) -> Correction:  # fmt: skip
+) -> Correction:
     """Make the `Correction` of a scene from the model, the chain and the water rule in `fitted`.
 
     `mask` and `dtype` replace the mask of the recipe and the data type of the scene. `targets` are the outputs: if one
@@ -277,10 +282,10 @@ def correction(
     changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}
     if fitted.chain.replaces:
         changed = named or set(range(len(scene.bands)))
+    rule, want_amount = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
     work = Correction(
-        scene, fitted.model, layout, fitted.chain, area, fitted.water if wanted == "auto" else None,
-        fitted.water_bands, sorted(changed), want_amount=bool(targets and (targets.flags or targets.amount)),
-    )  # fmt: skip
+        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, sorted(changed), want_amount
+    )
     if targets and targets.flags:
         work = _with_noise(work, threads)
     if targets and targets.stderr:

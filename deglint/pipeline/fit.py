@@ -16,7 +16,7 @@ from ..readers.roles import find_band
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
 from ..scene import Scene
-from .outputs import log, log_model, log_nir, log_scene, log_water, why
+from .outputs import log, log_model, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
 from .recipe import Recipe, make_request
 from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training
@@ -66,9 +66,14 @@ class Fitted:
 
 @checked_keywords()
 def fit_scene(
-    scene: Scene, recipe: Recipe | None = None, *, threads: int | None = None, want_sample: bool = False,
-    progress: Progress | None = None, run: tiling.Run = tiling.run,
-) -> Fitted:  # fmt: skip
+    scene: Scene,
+    recipe: Recipe | None = None,
+    *,
+    threads: int | None = None,
+    want_sample: bool = False,
+    progress: Progress | None = None,
+    run: tiling.Run = tiling.run,
+) -> Fitted:
     """Fit a recipe to a scene without correcting it.
 
     Parameters
@@ -120,7 +125,10 @@ def _fit_overviews(
             f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
         )
     request, of_nir = make_request(scene, recipe)
-    log_nir(of_nir)
+    said, *doubts = of_nir.split("; warning: ", 1)
+    log.info("%s", said)
+    for doubt in doubts:
+        log.warning("%s", doubt)
     nir = request.indexes[0].bands[0]
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
@@ -169,10 +177,9 @@ def _fit(job: Job, of_nir: str) -> Fitted:
     else:
         model, sampled, of_sample = fit_sampled(job, method)
     log_model(model, of_sample)
-    resolved = replace(
-        recipe, method="auto" if method == "copy" else model.method, compensate=text, smallest_object="",
-        regression=(method in METHODS and not METHODS[method].neighbours and model.regression) or "auto",
-    )  # fmt: skip
+    regression = (method in METHODS and not METHODS[method].neighbours and model.regression) or "auto"
+    used = "auto" if method == "copy" else model.method
+    resolved = replace(recipe, method=used, compensate=text, smallest_object="", regression=regression)
     every, water = (*notes, *(choice.lines() if choice else ()), *of_sample), (overview.water, overview.bands)
     return Fitted(model, resolved, every, sampled[0], sampled[1], *water, chain, choice)
 

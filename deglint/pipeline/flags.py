@@ -25,7 +25,7 @@ from ..physics.glint import VIEW_LIMIT
 from ..physics.slopes import WIND_RANGE
 from ..raster.convert import holds
 from ..raster.output import Layout
-from ..readers.products.metadata import number
+from ..readers.text import number
 from ..scene import FloatArray, Scene
 from .outputs import Outputs, PixelCounts, log
 from .overview import Mask, raster_of

@@ -162,14 +162,6 @@ def log_scene(scene: Scene) -> None:
         log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
-def log_nir(note: str) -> None:
-    """Log the `note` on the choice of the NIR bands; what follows "; warning: " in it is logged as a warning."""
-    said, _, doubt = note.partition("; warning: ")
-    log.info("%s", said)
-    if doubt:
-        log.warning("%s", doubt)
-
-
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:
     """Log which pixels are corrected; return notes on the water found by `rule`. Raises NoWaterError without water."""
     if rule is None:
@@ -267,8 +259,8 @@ def versions() -> dict[str, str]:
     """Versions of the libraries that affect the result."""
     import rasterio
 
-    return {"python": platform.python_version(), "numpy": np.__version__, "rasterio": rasterio.__version__,
-            "gdal": rasterio.__gdal_version__}  # fmt: skip
+    gdal = {"rasterio": rasterio.__version__, "gdal": rasterio.__gdal_version__}
+    return {"python": platform.python_version(), "numpy": np.__version__} | gdal
 
 
 def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:

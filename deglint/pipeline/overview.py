@@ -199,7 +199,5 @@ def sampler_of(job: Job) -> Sampler:
 def tiles_over(scene: Scene, bounds: Window, shape: tuple[int, int]) -> list[Tile]:
     """Tiles of this shape (rows, columns) [pixel] that intersect the window `bounds`."""
     (top, bottom), (left, right) = bounds
-    return [
-        t for t in tiling.tiles(scene.height, scene.width, shape)
-        if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left
-    ]  # fmt: skip
+    every = tiling.tiles(scene.height, scene.width, shape)
+    return [t for t in every if t.row0 < bottom and t.row1 > top and t.col0 < right and t.col1 > left]

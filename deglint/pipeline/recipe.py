@@ -78,17 +78,14 @@ class Recipe:
         check_kind(self.compensate, str, "compensate", "Give 'auto', 'thesis', 'off' or a chain of stages.")
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
         method = METHODS.get(self.method)
-        for wrong, why in (
-            (self.floor_percentile and self.method not in ("hedley", "multiband"),
-             "a floor percentile is for methods hedley and multiband: leave it out, or name one of them with --method"),
-            (self.regression != "auto" and not (method and method.regresses),
-             f"{self.method} fits no slopes by regression: leave out --regression, or name a method such as hedley"),
-            (self.rrs_factor != float(np.pi) and self.method != "goodman", "the rrs factor is for method goodman"),
-            (self.smallest_object and self.chain != "auto",
-             "--smallest-object is for the automatic choice: leave it out, or --method and --compensate"),
-        ):  # fmt: skip
-            if wrong:
-                raise InputError(f"{why}.")
+        if self.floor_percentile and self.method not in ("hedley", "multiband"):
+            raise InputError("a floor percentile is for --method hedley or multiband: leave it out, or name one.")
+        if self.regression != "auto" and not (method and method.regresses):
+            raise InputError(f"{self.method} has no regression: leave out --regression, or name a method like hedley.")
+        if self.rrs_factor != float(np.pi) and self.method != "goodman":
+            raise InputError("the rrs factor is for method goodman.")
+        if self.smallest_object and self.chain != "auto":
+            raise InputError("--smallest-object is for automatic choices: leave it out, or --method and --compensate.")
         smallest_object(self.smallest_object, 1.0)  # raises InputError unless it is a width
         if self.compensate not in CHAINS:
             if hint := nearest(self.compensate, list(CHAINS)):

@@ -46,10 +46,16 @@ WRITING = ("model_file", *(f.name for f in fields(Outputs) if f.name not in ("im
 
 @checked_keywords(*READING, "chain", *WRITING)
 def remove_glint(
-    source: str | Path | Sequence[str | Path], image: str | Path | Outputs, recipe: Recipe | None = None, *,
-    model: GlintModel | None = None, threads: int | None = None, progress: Progress | None = None,
-    cluster: Cluster | None = None, **options: Any,
-) -> Result:  # fmt: skip
+    source: str | Path | Sequence[str | Path],
+    image: str | Path | Outputs,
+    recipe: Recipe | None = None,
+    *,
+    model: GlintModel | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    cluster: Cluster | None = None,
+    **options: Any,
+) -> Result:
     """Remove glint from a raster file.
 
     Parameters

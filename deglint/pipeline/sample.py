@@ -127,8 +127,7 @@ def setting(job: Job) -> Setting:
     optics, psfs = optics_of(job.scene), None
     wavelengths = [b.wavelength for b in job.scene.bands if b.wavelength and 300 <= b.wavelength <= 2500]
     if len(wavelengths) == len(job.scene.bands):
-        known = optics and {"f_number": optics.f_number, "pitch": optics.pitch, "smear": optics.smear}
-        psfs = tuple(system_psf(w, **known) if known else typical_psf(w) for w in wavelengths)
+        psfs = tuple(system_psf(w, **optics) if optics else typical_psf(w) for w in wavelengths)
     nir = tuple(dict.fromkeys(b for i in job.request.indexes for b in i.bands))
     return Setting(job.scene.bands, nir, psfs, pixel_size(job.scene) or 0.0)
 
@@ -209,11 +208,12 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
     if not fine and rule is not None and rule.window == 1:  # sparkle is not resolved, or may not be (unknown size)
         sample = without_ships(sample)
     width = smallest_object(job.recipe.smallest_object, pixel)
+
+    def removal(method: str) -> Any:
+        return partial(fit_removal, trial, parts, method)
+
     with ThreadPoolExecutor(job.threads, thread_name_prefix="deglint") as pool:
-        return choose(
-            sample, setting(job), job.request.correct, lambda method: partial(fit_removal, trial, parts, method),
-            width=width, fine=fine, each=pool.map,
-        )  # fmt: skip
+        return choose(sample, setting(job), job.request.correct, removal, width=width, fine=fine, each=pool.map)
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
@@ -286,11 +286,14 @@ def describe_sample(job: Job, model: GlintModel, pixels: int, places: Sequence[P
         box = (top, bottom), (left, right)
     log.info("sample: %d pixels, %s", pixels, _place(box))
     numbers = {
-        "kind": job.recipe.sample, "pixels": pixels, "rows_columns": box,
+        "kind": job.recipe.sample,
+        "pixels": pixels,
+        "rows_columns": box,
         "share_of_scene": pixels / (job.scene.height * job.scene.width),
-        "r2": {f.name: f.r2 for f in model.fits}, "slopes": {f.name: f.slope for f in model.fits},
+        "r2": {f.name: f.r2 for f in model.fits},
+        "slopes": {f.name: f.slope for f in model.fits},
         "glint_level": model.level_interval and model.level_interval[2] - model.level_interval[1],
-    }  # fmt: skip
+    }
     features = [feature for _, some in places for feature in some]
     return numbers, collection(features, job.scene) if job.want_sample else None
 

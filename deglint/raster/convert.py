@@ -94,7 +94,10 @@ def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any
     with np.errstate(over="ignore"):
         if dtype.kind not in "iu" or np.can_cast(raw.dtype, dtype):
             return raw.astype(dtype), None
-    low, high = _range(dtype)
+    limits = np.iinfo(dtype)
+    low, high = float(limits.min), float(limits.max)
+    if int(high) > limits.max:
+        high = float(np.nextafter(high, 0))  # the largest float64 that the type can hold
     wide = np.result_type(raw.dtype, physical_dtype(dtype))  # float32 would round the limits of long integers up
     numbers = np.rint(raw, dtype=wide) if raw.dtype.kind == "f" else raw
     if numbers.min(initial=0) >= low and numbers.max(initial=0) <= high:
@@ -140,13 +143,6 @@ def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid
         return hit
     stored[hit] = np.nextafter(number, stored.dtype.type(np.inf))
     return np.zeros(stored.shape, np.bool_)
-
-
-def _range(dtype: np.dtype[Any]) -> tuple[float, float]:
-    """Smallest and largest float64 that an integer type can hold."""
-    info = np.iinfo(dtype)
-    high = float(info.max)
-    return float(info.min), high if int(high) <= info.max else float(np.nextafter(high, 0))
 
 
 def relaid(

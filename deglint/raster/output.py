@@ -30,10 +30,7 @@ BLOCK = 512  # side of the output's blocks [pixel] if the input's blocks are not
 OVERVIEWS_FROM = 1024  # images whose longer side has this size or more get overviews [pixel], as COG validators require
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
-_FLAG_COLOURS = (
-    (0, 0, 0), (190, 190, 190), (86, 180, 233), (204, 121, 167), (240, 228, 66), (230, 159, 0), (0, 158, 115),
-    (213, 94, 0),
-)  # fmt: skip
+_FLAG_COLOURS = ("000000", "bebebe", "56b4e9", "cc79a7", "f0e442", "e69f00", "009e73", "d55e00")
 """Red, green and blue for each bit of a raster of flags, the lowest bit first; the colours suit colour-blind readers
 (Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
@@ -64,18 +61,13 @@ class Layout:
     names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
     tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
-    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit (1, 2, 4, ...), for flags
+    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit of flags, which get colours
 
     @property
     def overviews(self) -> bool:
         """Whether the file has overviews: the image is large enough (`levels`) and the option OVERVIEWS is not NONE."""
         given = {str(k).lower(): str(v).lower() for k, v in self.options.items()}
         return given.get("overviews", "auto") != "none" and bool(levels(self.info.height, self.info.width))
-
-    @property
-    def holds_flags(self) -> bool:
-        """Whether this is a raster of flags (bytes, not `scaled`); it gets a colour table and no averaged overviews."""
-        return not self.scaled and np.dtype(self.dtype) == np.uint8
 
     @property
     def block(self) -> tuple[int, int]:
@@ -86,9 +78,8 @@ class Layout:
         that covers the image (or 512) if `tile` covers it, else the largest that divides the side of `tile` (or 16).
         """
         own = self.info.block_shapes[0] if self.info.tiled else (0, 0)
-        rows, columns = (
-            _block_side(*sides) for sides in zip(self.tile, (self.info.height, self.info.width), own, strict=True)
-        )
+        sizes = self.info.height, self.info.width
+        rows, columns = (_block_side(*sides) for sides in zip(self.tile, sizes, own, strict=True))
         return rows, columns
 
 
@@ -154,7 +145,7 @@ class RasterWriter:
         with write_errors(self.target):
             self._dataset.close()
             if self.layout.overviews:
-                add_overviews(self.path, self._options, average=not self.layout.holds_flags)
+                add_overviews(self.path, self._options, average=not self.layout.flags)
         sparse = str(self._options.get("sparse_ok", "no")).lower() not in ("no", "false", "off", "0")
         _check_whole(self.path, self.target, sparse=sparse)
 
@@ -347,10 +338,9 @@ def _describe(dataset: Any, layout: Layout) -> None:
         colours = [info.colorinterp[b] for b in bands]
         if len(bands) == info.count and "palette" not in colours:
             dataset.colorinterp = [ColorInterp[c] for c in colours]
-    if layout.holds_flags:
-        dataset.write_colormap(
-            1, {v: (255, 255, 255) if not v else _FLAG_COLOURS[v.bit_length() - 1] for v in range(256)}
-        )
+    if layout.flags:
+        colours_of = {v: tuple(bytes.fromhex(_FLAG_COLOURS[v.bit_length() - 1])) for v in range(1, 256)}
+        dataset.write_colormap(1, {0: (255, 255, 255)} | colours_of)
         _tag(dataset, {f"FLAG_{bit}": meaning for bit, meaning in layout.flags.items()}, "", 1)
     for namespace, tags in info.tags.items():
         _tag(dataset, tags, namespace)

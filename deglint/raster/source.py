@@ -98,26 +98,11 @@ class RasterSource:
             dataset.close()
 
     def read(self, window: Window, bands: Sequence[int]) -> FloatArray:
-        """Read the physical values of a window.
+        """Read the physical values of a window of the scene, (band, row, column); `bands` are 0-based.
 
-        Parameters
-        ----------
-        window : ((row0, row1), (col0, col1))
-            Half-open ranges inside the scene.
-        bands : sequence of int
-            0-based bands of the scene.
-
-        Returns
-        -------
-        (len(bands), rows, columns) ndarray
-            float32, or float64 where the files need it; NaN where not valid or not finite.
-
-        Raises
-        ------
-        InputError
-            The window reaches outside the scene, or a band is not in it.
-        ReadError
-            A file is missing, truncated or damaged, this source is closed, or its `deadline` is past.
+        The values are float32, or float64 where the files need it; NaN where they are not valid or not finite. Raises
+        InputError if the window reaches outside the scene or a band is not in it; ReadError if a file is missing,
+        truncated or damaged, this source is closed, or its `deadline` is past.
         """
         if outside := [b for b in bands if not 0 <= b < self.info.count]:
             raise InputError(f"bands: allowed are 0-{self.info.count - 1}, counted from 0, got {outside[0]}")

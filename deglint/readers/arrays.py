@@ -82,10 +82,10 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     notes: list[str] = []
     info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
+    source, notes = ArraySource(values, info), [*notes, *told]
     scene = Scene(
-        tuple(bands), info.height, info.width, ArraySource(values, info), path=info.paths[0], crs=info.crs,
-        transform=info.transform, sensor=preset, notes=(*notes, *told),
-    )  # fmt: skip
+        tuple(bands), info.height, info.width, source, info.paths[0], info.crs, info.transform, preset, tuple(notes)
+    )
     return ArrayScene(scene, values, array, ordered)
 
 
@@ -113,16 +113,24 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     stated = {**array.attrs, **lists}
     encoded = array.encoding if array.dtype.kind in "iu" else {}  # in floating-point arrays nodata has become NaN
     return RasterInfo(
-        paths=(str(array.name) if array.name else "the array",), driver="MEM", height=height, width=width,
-        dtypes=(dtype,) * count, nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
+        paths=(str(array.name) if array.name else "the array",),
+        driver="MEM",
+        height=height,
+        width=width,
+        dtypes=(dtype,) * count,
+        nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
         scales=_per_band([stated], _SCALE_NAMES, 1.0, count),
         offsets=_per_band([stated], _OFFSET_NAMES, 0.0, count),
-        descriptions=names, units=(None,) * count, colorinterp=("undefined",) * count,
+        descriptions=names,
+        units=(None,) * count,
+        colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
-        mask_flags=(("all_valid",),) * count, block_shapes=(block,) * count, tiled=bool(chunks), interleave="band",
-        crs=_crs(array, grid), transform=_transform(array, grid, rows, columns),
-    )  # fmt: skip
+        mask_flags=(("all_valid",),) * count,
+        block_shapes=(block,) * count,
+        crs=_crs(array, grid),
+        transform=_transform(array, grid, rows, columns),
+    )
 
 
 def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:

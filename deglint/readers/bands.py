@@ -7,7 +7,7 @@ Properties in the file are kept; missing ones come from the preset of the sensor
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from os.path import commonprefix
 from typing import Any
 
@@ -284,29 +284,22 @@ def sensor_of(name: str) -> Sensor:
     return sensors.sensor_from(name, checked)
 
 
-@dataclass(frozen=True, slots=True)
-class KnownOptics:
-    """Parameters of the point spread function of a sensor: optics, detector and motion."""
+def optics_of(scene: Scene) -> dict[str, float] | None:
+    """Optics of a scene, as keyword arguments of `compensate.psf.system_psf`; None if they are not known.
 
-    f_number: float  # focal length divided by the diameter of the aperture
-    pitch: float  # distance between elements of the detector [m]
-    smear: float  # motion during the exposure, along a column [pixel]
-    source: str  # where the numbers come from, as text
-
-
-def optics_of(scene: Scene) -> KnownOptics | None:
-    """Optics of a scene from tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS (default 0.5), else its preset; or None."""
+    They follow from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else from the preset of the sensor.
+    """
     info: RasterInfo | None = getattr(scene.source, "info", None)
     tags = {k.upper(): v for part in ([] if info is None else info.tags.values()) for k, v in part.items()}
-    f_number, pitch = positive(tags.get("F_NUMBER")), positive(tags.get("PIXEL_PITCH_UM"))
-    if f_number and pitch:
-        smear = number(tags.get("SMEAR_PIXELS"))
-        return KnownOptics(f_number, 1e-6 * pitch, 0.5 if smear is None else smear, "the file's tags")
-    sensor = sensor_of(scene.sensor) if scene.sensor else None
-    optics = sensor.optics if sensor else None
-    if sensor is None or optics is None or optics.pixel_pitch is None or optics.f_number is None:
+    f_number, pitch, smear = (number(tags.get(name)) for name in ("F_NUMBER", "PIXEL_PITCH_UM", "SMEAR_PIXELS"))
+    if not positive(f_number) or not positive(pitch):
+        optics = sensor_of(scene.sensor).optics if scene.sensor else None
+        if optics is None:
+            return None
+        f_number, pitch, smear = optics.f_number, optics.pixel_pitch, None
+    if f_number is None or pitch is None:
         return None
-    return KnownOptics(optics.f_number, 1e-6 * optics.pixel_pitch, 0.5, f"preset {sensor.name} ({optics.status})")
+    return {"f_number": f_number, "pitch": 1e-6 * pitch} | ({} if smear is None else {"smear": smear})
 
 
 def _band(where: str, band: Any) -> dict[str, Any]:

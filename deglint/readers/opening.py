@@ -24,6 +24,7 @@ from .grid import put_on_grid
 from .roles import Wanted, explain_nir, split_wanted
 from .scenes import assets_of
 from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with_spectral
+from .text import number
 
 Path = str | os.PathLike[str]
 Names = str | Sequence[str]
@@ -253,14 +254,12 @@ def _numbers(option: str, given: Numbers | None, example: str, *, zero: bool = T
     if given is None:
         return ()
     values = np.array(given.split(",") if isinstance(given, str) else given, dtype=object).ravel()
-    try:
-        found = [math.nan if isinstance(value, bool) else float(value) for value in values]
-    except (TypeError, ValueError, OverflowError):
-        found = [math.nan]
-    if not np.isfinite(found).all() or (0 in found and not zero):
+    parsed = [None if isinstance(value, bool) else number(value) for value in values]
+    found = tuple(n for n in parsed if n is not None)
+    if len(found) < len(parsed) or (0 in found and not zero):
         what = "numbers" if zero else "numbers other than 0"
         raise InputError(f"--{option}: want {what} such as {example}, got {described(given)}.")
-    return tuple(found)
+    return found
 
 
 def _nanometres(value: float) -> float:

@@ -21,7 +21,7 @@ from ..errors import DeglintError, InputError, ReadError
 from ..raster import RasterInfo
 from ..raster.info import REMOTE_NAME
 from . import products
-from .products.metadata import ProductBand, angle_tags, filled, tags_of
+from .products.metadata import ProductBand, filled, tags_of, view_tags
 from .spectral import nanometres, nominal_wavelength
 from .text import number, positive, read_json, read_text
 
@@ -121,16 +121,10 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
     facts = item["properties"] if isinstance(item.get("properties"), Mapping) else {}
     # `view:azimuth` is interpreted as the direction from the scene to the satellite: the specification is ambiguous,
     # but Items of Sentinel-2 and PlanetScope use it so
-    names = {
-        "sun_elevation": "sun_elevation",
-        "sun_azimuth": "sun_azimuth",
-        "incidence": "incidence_angle",
-        "off_nadir": "off_nadir",
-        "view_azimuth": "azimuth",
-    }
-    angles: dict[str, Any] = {ours: number(facts.get(f"view:{theirs}")) for ours, theirs in names.items()}
+    view = {name: number(facts.get(f"view:{name}")) for name in ("incidence_angle", "azimuth", "off_nadir")}
+    sun = {name: number(facts.get(f"view:{name}")) for name in ("sun_elevation", "sun_azimuth")}
     texts = {k: facts[k] for k in ("platform", "datetime") if isinstance(facts.get(k), str)}
-    tags = tags_of(texts | angle_tags(**angles))
+    tags = tags_of(texts | sun | view_tags(view["incidence_angle"], view["azimuth"], view["off_nadir"]))
     applied = any(facts.get(f"{p}:boa_offset_applied") is True for p in ("earthsearch", "sentinel"))
     found = []
     for key in keys or _chosen(assets, what):

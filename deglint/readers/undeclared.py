@@ -98,7 +98,9 @@ def undeclared(scene: Scene) -> Undeclared:
     if silent or cut or four:
         blocks: list[Block] = [(t, *source.read_raw(t.window)) for t in _tiles(scene)]
         if silent and info.count > 1:
-            found = _nodata(scene, info, blocks)
+            same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
+            each = (_nodata(value, same, blocks, scene, info) for value in _commonest(same))
+            found = next((f for f in each if f.notes), found)
         if cut:
             found = _offset(scene, info, blocks, found)
         if four:
@@ -123,17 +125,8 @@ def _tiles(scene: Scene) -> list[Tile]:
     return [Tile(r, min(r + side, size[0]), c, min(c + side, size[1])) for r in rows.tolist() for c in columns.tolist()]
 
 
-def _nodata(scene: Scene, info: RasterInfo, blocks: list[Block]) -> Undeclared:
-    """Find nodata: a value that all bands have over large areas of `blocks`, the tiles that were read."""
-    same = [(t, raw, (raw == raw[:1]).all(axis=0)) for t, raw, _valid in blocks]
-    found = (_nodata_of(value, same, blocks, scene, info) for value in _commonest(same))
-    return next((f for f in found if f.notes), Undeclared())
-
-
-def _nodata_of(
-    value: float, same: Sequence[Alike], blocks: Sequence[Block], scene: Scene, info: RasterInfo
-) -> Undeclared:
-    """Take `value` for nodata if its areas are large and it is not saturated.
+def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
+    """Take `value`, which all bands have, for nodata if its areas are large and it is not saturated.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
     """

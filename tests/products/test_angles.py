@@ -8,7 +8,7 @@ import pytest
 import deglint
 from deglint.errors import InputError
 from deglint.pipeline.flags import sky_glint
-from deglint.readers.products.metadata import angle_tags
+from deglint.readers.products.metadata import view_tags
 
 NAMES = ("sun_elevation", "sun_azimuth", "view_elevation", "view_azimuth")
 TILE = """<n1:Level-2A_Tile_ID xmlns:n1="https://psd-14.sentinel2.eo.esa.int/PSD/Tile.xsd"><n1:Geometric_Info><Tile_Angles>
@@ -135,7 +135,7 @@ def test_stac_items_state_angles(write, sea, tmp_path):
 
 def test_angles_at_the_satellite_are_smaller_than_on_the_ground():
     for off_nadir, altitude, incidence in ((0.0, 7e5, 0.0), (20.0, 7e5, 22.3), (30.0, 6e5, 33.2)):
-        found = angle_tags(off_nadir=-off_nadir, view_azimuth=-90.0, altitude=altitude)
+        found = view_tags(None, -90.0, -off_nadir, altitude)
         assert found["view_elevation"] == pytest.approx(90 - incidence, abs=0.1)
         assert found["view_azimuth"] == 270.0
-    assert angle_tags(off_nadir=80.0)["view_elevation"] is None  # looks past the Earth
+    assert view_tags(None, None, 80.0)["view_elevation"] is None  # looks past the Earth

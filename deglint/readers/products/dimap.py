@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 from ...errors import InputError
 from ..spectral import nanometres
 from ..text import positive
-from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, said, said_number, tags_of, view_tags
 
 METADATA = r"(?:DIM|VOL)_.+\.XML"
 IMAGES = r"IMG_.+\.(?:tiff?|jp2)"
@@ -46,9 +46,8 @@ def find(container: Container) -> Product | None:
 def _product(container: Container, member: str, root: ET.Element) -> Product:
     ids, notes = _order(root)
     processing = said(root, ".//RADIOMETRIC_PROCESSING").upper()
-    special = {
-        said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in root.iter("Special_Value")
-    }
+    values = root.iter("Special_Value")
+    special = {said(v, "SPECIAL_VALUE_TEXT").upper(): said_number(v, "SPECIAL_VALUE_COUNT") for v in values}
     marks: dict[str, Any] = {"nodata": special.get("NODATA", 0.0), "saturation": special.get("SATURATED")}
     bands = [
         ProductBand(container.gdal(member), _NAMES.get(band, band), **marks, **_band(root, band, processing))
@@ -85,14 +84,9 @@ def _angles(root: ET.Element) -> dict[str, Any]:
         azimuth -= math.degrees(math.atan2(across, along))
     else:
         azimuth = None
-    return angle_tags(
-        sun_elevation=said(place, ".//SUN_ELEVATION"),
-        sun_azimuth=said(place, ".//SUN_AZIMUTH"),
-        incidence=said_number(place, ".//INCIDENCE_ANGLE"),
-        off_nadir=said_number(place, ".//VIEWING_ANGLE"),
-        view_azimuth=azimuth,
-        altitude=_PLEIADES_ORBIT,
-    )
+    sun = {"sun_elevation": said(place, ".//SUN_ELEVATION"), "sun_azimuth": said(place, ".//SUN_AZIMUTH")}
+    incidence, off_nadir = (said_number(place, f".//{name}") for name in ("INCIDENCE_ANGLE", "VIEWING_ANGLE"))
+    return sun | view_tags(incidence, azimuth, off_nadir, _PLEIADES_ORBIT)
 
 
 def _order(root: ET.Element) -> tuple[list[str], list[str]]:
@@ -125,9 +119,8 @@ def _band(root: ET.Element, band: str, processing: str) -> dict[str, Any]:
     kind, unit = "Band_Radiance", PRODUCT_UNIT
     if processing == "REFLECTANCE":
         kind, unit = "Band_Reflectance", "reflectance"
-    factors, ends = (
-        next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in (kind, "Band_Spectral_Range")
-    )
+    kinds = kind, "Band_Spectral_Range"
+    factors, ends = (next((n for n in root.iter(k) if said(n, "BAND_ID") == band), None) for k in kinds)
     found: dict[str, Any] = {}
     gain, bias = positive(said(factors, "GAIN")), said_number(factors, "BIAS")
     if gain is not None and bias is not None and processing in _SCALED:

@@ -125,9 +125,8 @@ def bands_of(info: RasterInfo, facts: Facts) -> tuple[list[ProductBand], list[st
     names = facts.get("BandName", ())
     if not names or len(names) != info.count:
         return [], []
-    centres, widths = (
-        [next(iter(numbers(v)), None) for v in facts.get(k, ())] for k in ("CentralWavelength", "WavelengthFWHM")
-    )
+    stated = (facts.get(name, ()) for name in ("CentralWavelength", "WavelengthFWHM"))
+    centres, widths = ([next(iter(numbers(text)), None) for text in texts] for texts in stated)
     spread = re.match(r"\s*([\d.]+)\s*\(\s*\+/-\s*([\d.]+)\s*\)", one(facts, "BandFreq"))
     if spread and not centres:
         centres, widths = [float(spread[1])], [2 * float(spread[2])]

@@ -6,10 +6,11 @@ of Level 2 also has the factors of Level 1, under the same names, so factors are
 
 import math
 from dataclasses import replace
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from ..text import positive
-from .metadata import FULL, Container, Product, ProductBand, angle_tags, said, said_number, tags_of
+from .metadata import FULL, Container, Product, ProductBand, said, said_number, tags_of, view_tags
 
 METADATA = r"(?P<scene>L[CO]0[89]_.*)_MTL\.(?:txt|json|xml)"
 IMAGES = r"(?P<scene>L[CO]0[89]_L[12].*?)_(?P<band>(?:SR_)?B(?P<number>[1-79]))\.tiff?"
@@ -49,12 +50,8 @@ def find(container: Container) -> Product | None:
             f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
             f"{1 / math.sin(math.radians(elevation)):.3f} for the whole scene)"
         )
-    angles = angle_tags(
-        sun_elevation=elevation,
-        sun_azimuth=said(facts, "SUN_AZIMUTH"),
-        off_nadir=said_number(facts, "ROLL_ANGLE"),
-        altitude=LANDSAT_ORBIT,
-    )
+    angles: dict[str, Any] = {"sun_elevation": elevation, "sun_azimuth": said(facts, "SUN_AZIMUTH")}
+    angles |= view_tags(None, None, said_number(facts, "ROLL_ANGLE"), LANDSAT_ORBIT)
     when = "" if facts is None else f"{said(facts, 'DATE_ACQUIRED')}T{said(facts, 'SCENE_CENTER_TIME')}"
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"

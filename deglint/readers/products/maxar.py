@@ -24,8 +24,6 @@ _SATELLITES = {
     "QB02": ("QuickBird", "quickbird"),
 }
 """Title and sensor preset ("": none) of the satellites, by their code in the metadata."""
-_MAXAR_NAMES = {"C": "COASTAL", "B": "BLUE", "G": "GREEN", "Y": "YELLOW", "R": "RED", "RE": "REDEDGE", "N": "NIR1",
-          "N2": "NIR2", "P": "PAN"}  # fmt: skip
 _NOT_ENHANCED = ("", "OFF", "NONE")
 
 
@@ -61,11 +59,11 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
     plain = enhanced in _NOT_ENHANCED
     if not plain:
         notes.append(f"the image is enhanced ({enhanced}): its numbers are no radiance, and are taken as they stand")
-    bands = []
+    bands, known = [], [*(preset.bands if preset else ()), *sensors.load("worldview3").bands]
     for letter in _letters(root):
-        own = next((b for b in preset.bands if b.answers_to(f"BAND_{letter}")), None) if preset else None
+        named = (b.name for b in known if b.answers_to(f"BAND_{letter}"))
         factor, width = (positive(said(root, f"BAND_{letter}/{k}")) for k in ("ABSCALFACTOR", "EFFECTIVEBANDWIDTH"))
-        band = ProductBand(container.gdal(image), own.name if own else _MAXAR_NAMES.get(letter, letter), nodata=0.0)
+        band = ProductBand(container.gdal(image), next(named, "PAN" if letter == "P" else letter), nodata=0.0)
         bands.append(replace(band, scale=factor / width, unit=PRODUCT_UNIT) if plain and factor and width else band)
     if plain and any(b.unit is None for b in bands):
         notes.append(f"{stem}: absCalFactor or effectiveBandwidth is missing: the numbers are taken as they stand")
@@ -78,8 +76,7 @@ def _product(container: Container, stem: str, image: str, root: ET.Element) -> P
         "off_nadir_angle": ("MEANOFFNADIRVIEWANGLE",),
     }
     tags = tags_of({"satellite": title} | {k: said(root, *(f".//{n}" for n in names)) for k, names in facts.items()})
-    known = title if satellite in _SATELLITES else "Maxar"
-    kind = f"{known} {said(root, './/PRODUCTLEVEL')}".strip()
+    kind = f"{title if satellite in _SATELLITES else 'Maxar'} {said(root, './/PRODUCTLEVEL')}".strip()
     return Product(kind, last(stem), tuple(bands), preset.name if preset else None, tags, tuple(notes))
 
 

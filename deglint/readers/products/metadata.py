@@ -215,11 +215,10 @@ angle of 20 degrees by at most 0.7 degrees."""
 NADIR = 0.5  # incidence angle up to which a missing view azimuth is set to 0 [degree], as it has no effect
 
 
-def angle_tags(
-    *, sun_elevation: Any = None, sun_azimuth: Any = None, incidence: float | None = None,
-    off_nadir: float | None = None, view_azimuth: float | None = None, altitude: float = ORBIT,
-) -> dict[str, Any]:  # fmt: skip
-    """Tags with the directions to sun and sensor, seen from the ground [degree]; azimuths are clockwise from north.
+def view_tags(
+    incidence: float | None, azimuth: float | None, off_nadir: float | None = None, altitude: float = ORBIT
+) -> dict[str, float | None]:
+    """Tags with the direction to the sensor, seen from the ground [degree]; its azimuth is clockwise from north.
 
     The elevation of the sensor is 90 - incidence. `off_nadir` is the angle from nadir, measured at the sensor, which is
     at `altitude` [m]. It replaces a missing incidence: sin(incidence) = (1 + altitude / Earth's radius) sin(off_nadir).
@@ -227,13 +226,11 @@ def angle_tags(
     if incidence is None and off_nadir is not None:
         sine = (1.0 + altitude / EARTH_RADIUS) * math.sin(math.radians(abs(off_nadir)))
         incidence = math.degrees(math.asin(sine)) if sine <= 1.0 else None
-    if incidence is not None and abs(incidence) <= NADIR and view_azimuth is None:
-        view_azimuth = 0.0
+    if incidence is not None and abs(incidence) <= NADIR and azimuth is None:
+        azimuth = 0.0
     return {
-        "sun_elevation": sun_elevation,
-        "sun_azimuth": sun_azimuth,
         "view_elevation": None if incidence is None else round(90.0 - abs(incidence), 4),
-        "view_azimuth": None if view_azimuth is None else round(view_azimuth, 4) % 360.0,
+        "view_azimuth": None if azimuth is None else round(azimuth, 4) % 360.0,
     }
 
 

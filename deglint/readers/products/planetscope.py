@@ -7,11 +7,12 @@ is surface reflectance; its scale is always 1/10000, and the factors in the XML 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from ... import sensors
-from ..text import positive
-from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from ..text import number, positive
+from .metadata import PRODUCT_UNIT, Container, Product, ProductBand, last, said, said_number, tags_of, view_tags
 
 METADATA = r"\d{8}_\d{6}_.*metadata.*\.(?:xml|json)"
 IMAGES = r"(?P<scene>\d{8}_\d{6}_.*)_[13][AB]_AnalyticMS(?P<surface>_SR)?(?P<rest>(?:_.*)?)\.tiff?"
@@ -48,16 +49,15 @@ def find(container: Container) -> Product | None:
         remedy = "they are taken as they stand. Put it beside the image, or give --scale"
         notes.append(f"no *_metadata.xml says how the numbers become reflectance: {remedy}")
     view_angle = said(root, ".//spaceCraftViewAngle", ".//view_angle")
-    angles = angle_tags(
-        sun_elevation=said(root, ".//illuminationElevationAngle", ".//sun_elevation"),
-        sun_azimuth=said(root, ".//illuminationAzimuthAngle", ".//sun_azimuth"),
-        incidence=said_number(root, ".//incidenceAngle"),
-        off_nadir=said_number(root, ".//spaceCraftViewAngle", ".//view_angle"),
-        view_azimuth=said_number(root, ".//satellite_azimuth"),  # azimuthAngle belongs to the image's lines
-        altitude=DOVE_ORBIT,
-    )
-    when = said(root, ".//acquisitionDateTime", ".//acquired")
-    tags = tags_of({"instrument": instrument, "acquired": when, "view_angle": view_angle} | angles)
+    facts: dict[str, Any] = {
+        "instrument": instrument,
+        "acquired": said(root, ".//acquisitionDateTime", ".//acquired"),
+        "view_angle": view_angle,
+        "sun_elevation": said(root, ".//illuminationElevationAngle", ".//sun_elevation"),
+        "sun_azimuth": said(root, ".//illuminationAzimuthAngle", ".//sun_azimuth"),
+    }
+    azimuth = said_number(root, ".//satellite_azimuth")  # azimuthAngle belongs to the image's lines
+    tags = tags_of(facts | view_tags(said_number(root, ".//incidenceAngle"), azimuth, number(view_angle), DOVE_ORBIT))
     kind = f"PlanetScope AnalyticMS{'_SR' if surface else ''}, {len(bands)} bands"
     return Product(kind, match["scene"], tuple(bands), sensor, tags, tuple(notes))
 

@@ -12,15 +12,15 @@ from xml.etree import ElementTree as ET
 
 from ... import sensors
 from ..text import numbers, positive
-from .metadata import FULL, Container, Product, ProductBand, angle_tags, last, said, said_number, tags_of
+from .metadata import FULL, Container, Product, ProductBand, last, said, said_number, tags_of, view_tags
 
 METADATA = r"(?:.+[_.-])?MTD_MSIL(?:1C|2A)\.xml|S2[A-D]_(?:OPER|USER)_MTD_SAFL(?:1C|2A)_.*\.xml"
 IMAGES = r"(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_(?P<pixel>10|20|60)m)?\.(?:jp2|tiff?)"
 FOLDERS_ABOVE = 4  # metadata lie in up to this number of folders above the image
 _MASK = r"(?:.*_)?(?:MSK_)?DETFOO_(?:.*_)?(?P<band>B0[1-9]|B1[0-2]|B8A)(?:_MSIL1C)?\.(?:jp2|tiff?)"
 _TILE = r"MTD_TL\.xml|S2[A-D]_(?:OPER|USER)_MTD_L(?:1C|2A)_TL_.*\.xml"
-PIXELS = {"B01": 60, "B02": 10, "B03": 10, "B04": 10, "B05": 20, "B06": 20, "B07": 20, "B08": 10, "B8A": 20,
-          "B09": 60, "B10": 60, "B11": 20, "B12": 20}  # fmt: skip
+_BAND_CODES = ("B01", "B02", "B03", "B04", "B05", "B06", "B07", "B08", "B8A", "B09", "B10", "B11", "B12")
+PIXELS = dict(zip(_BAND_CODES, (60, 10, 10, 10, 20, 20, 20, 10, 20, 60, 60, 20, 20), strict=True))
 """Pixel size of each band [m]."""
 _QUANTUM = 10_000.0  # file value of reflectance 1 if the metadata do not give it
 _AS_STORED = (
@@ -56,12 +56,11 @@ def find(container: Container) -> Product | None:
     safe = next((p for n in container.names for p in PurePosixPath(n).parts if p.endswith(".SAFE")), container.name)
     name = said(root, ".//PRODUCT_URI", ".//PRODUCT_URI_2A") or safe
     facts = {
-        "satellite": "SPACECRAFT_NAME",
-        "acquired": "PRODUCT_START_TIME",
-        "processing_baseline": "PROCESSING_BASELINE",
+        "satellite": said(root, ".//SPACECRAFT_NAME"),
+        "acquired": said(root, ".//PRODUCT_START_TIME"),
+        "processing_baseline": said(root, ".//PROCESSING_BASELINE"),
     }
-    tags = tags_of({k: said(root, f".//{tag}") for k, tag in facts.items()})
-    tags |= _angles(container, granule)
+    tags = tags_of(facts) | _angles(container, granule)
     bands = tuple(_bands(container, root, chosen))
     return Product(f"Sentinel-2 L{level}", name.removesuffix(".SAFE"), bands, "sentinel2", tags, tuple(notes))
 
@@ -150,14 +149,11 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
     root = container.tree(member)
     sun = said_number(root, ".//Mean_Sun_Angle/ZENITH_ANGLE")
     zenith, azimuth = _mean_direction(list(root.iter("Mean_Viewing_Incidence_Angle")))
-    return tags_of(
-        angle_tags(
-            sun_elevation=None if sun is None else round(90.0 - sun, 4),
-            sun_azimuth=said_number(root, ".//Mean_Sun_Angle/AZIMUTH_ANGLE"),
-            incidence=zenith,
-            view_azimuth=azimuth,
-        )
-    )
+    angles = {
+        "sun_elevation": None if sun is None else round(90.0 - sun, 4),
+        "sun_azimuth": said_number(root, ".//Mean_Sun_Angle/AZIMUTH_ANGLE"),
+    }
+    return tags_of(angles | view_tags(zenith, azimuth))
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
