@@ -6,16 +6,23 @@ remove``. `remove` is the removal by the NIR; stages before it process the scene
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from . import background, identify, median, normalise, posterior, replace_glint, sharpen, targets
+from . import background, identify, median, normalise, posterior, replace_glint, targets
+from .background import Background
+from .identify import IdentifyMedian
+from .median import Median
+from .normalise import Normalise
+from .posterior import LeftOver, Posterior
 from .psf import PSF
+from .replace_glint import ReplaceBands, ReplaceLevel
+from .sharpen import Sharpen, SharpenImage
 from .state import Sample, Setting, State, in_scene_units
+from .targets import Targets
 
 Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
 
@@ -30,50 +37,34 @@ class Kind:
     low: float = 0.0  # least number that may be written after the name
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
-    odd: bool = False  # the number must be odd
+    odd: bool = False  # the number must be an odd integer
 
 
 STAGES: dict[str, Kind] = {
     "normalise": Kind(
-        "divide by the median of deep water; by its mode where glint covers more than N %",
-        normalise.fit, normalise.Normalise, 1, 100,
+        "divide by the median of deep water, or by its mode if glint covers over N %", normalise.fit, Normalise, 1, 100
     ),
     "psf": Kind(
-        "N iterations of Richardson-Lucy, to determine the background only",
-        partial(sharpen.fit, sharpen.Sharpen), sharpen.Sharpen, 1, 20, whole=True,
+        "N iterations of Richardson-Lucy, to determine the background only", Sharpen.fit, Sharpen, 1, 20, whole=True
     ),
     "psf-image": Kind(
-        "N iterations of Richardson-Lucy, as the image itself",
-        partial(sharpen.fit, sharpen.SharpenImage), sharpen.SharpenImage, 1, 20, whole=True,
+        "N iterations of Richardson-Lucy, as the image itself", SharpenImage.fit, SharpenImage, 1, 20, whole=True
     ),
-    "identify-median": Kind(
-        "glint is above median + K lower-side deviations", identify.fit, identify.IdentifyMedian, 0, 1000
-    ),
+    "identify-median": Kind("glint is above median + K lower-side deviations", identify.fit, IdentifyMedian, 0, 1000),
     "identify-level": Kind(
-        "glint is above the opened background, window of N pixels",
-        background.fit, background.Background, 3, 255, whole=True, odd=True,
+        "glint is above the opened background, window of N pixels", background.fit, Background, 3, 255, odd=True
     ),
-    "replace-bands": Kind(
-        "from the spectrally nearest clean band", replace_glint.fit_bands, replace_glint.ReplaceBands
-    ),
-    "replace-level": Kind(
-        "from the band's own background", lambda *_: replace_glint.ReplaceLevel(), replace_glint.ReplaceLevel
-    ),
-    "median": Kind(
-        "adaptive median up to N pixels where glint is left",
-        lambda _sample, _setting, n: median.Median(int(n or median.LARGEST_MEDIAN)), median.Median,
-        3, 255, whole=True, odd=True,
-    ),
+    "replace-bands": Kind("from the spectrally nearest clean band", replace_glint.fit_bands, ReplaceBands),
+    "replace-level": Kind("from the band's own background", lambda *_: ReplaceLevel(), ReplaceLevel),
+    "median": Kind("adaptive median up to N pixels where glint is left", median.fit, Median, 3, 255, odd=True),
     "targets": Kind(
-        "small bright targets, at a false-alarm rate of N; restored at the end",
-        targets.fit, targets.Targets, 1e-9, 0.1,
+        "small bright targets, at a false-alarm rate of N; restored at the end", targets.fit, Targets, 1e-9, 0.1
     ),
     "remove": Kind("where the removal by the NIR stands"),
     "posterior": Kind(
-        "the posterior mean of the water, clumps of glint N pixels wide", posterior.fit, posterior.Posterior, 1, 64,
-        whole=True,
+        "the posterior mean of the water, clumps of glint N pixels wide", posterior.fit, Posterior, 1, 64, whole=True
     ),
-}  # fmt: skip
+}
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Chain of Fink (2014), section 6.3, as far as it can be reconstructed; without its PSF correction (`psf-image`)."""
 NEVER_AFTER = {
@@ -152,8 +143,9 @@ def _number(name: str, text: str) -> float:
         number = float(text)
     except ValueError:
         raise InputError(f"stage '{name}:{text}': {text!r} is not a number.") from None
-    if not kind.low <= number <= kind.high or (kind.whole and number % 1):
-        noun = "an integer" if kind.whole else "a number"
+    integer = kind.whole or kind.odd
+    if not kind.low <= number <= kind.high or (integer and number % 1):
+        noun = "an integer" if integer else "a number"
         raise InputError(f"{name} takes {noun} from {kind.low:g} to {kind.high:g}, got {text}.")
     if kind.odd and not number % 2:
         raise InputError(f"{name}:{text}: the size must be odd, so that it has a middle.")
@@ -225,7 +217,7 @@ def stage_from(data: Mapping[str, Any]) -> Stage:
         if "psfs" in rest:
             rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
         if "left" in rest:
-            rest["left"] = tuple(posterior.LeftOver(**band) for band in rest["left"])
+            rest["left"] = tuple(LeftOver(**band) for band in rest["left"])
         return kind(**rest)
     except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
