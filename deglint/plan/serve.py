@@ -26,8 +26,8 @@ from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import best_geometry, description, reticle
 
 ADDRESS = "127.0.0.1"  # the loopback address
-SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
-           "chlorophyll")  # fmt: skip
+_PLACE_OR_SUN = ("latitude", "longitude", "sun_zenith", "sun_azimuth")
+SLIDERS = (*_PLACE_OR_SUN, "wind", "wind_from", "depth", "reflectance", "chlorophyll")
 """Fields of `Mission` with a slider; the page also changes visibility, the limit of glint, time, sensor and band."""
 _POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
