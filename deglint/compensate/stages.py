@@ -29,9 +29,8 @@ Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, 
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage, entry of `STAGES`: its description, fit function, class, and the range of its number."""
+    """Definition of a stage, entry of `STAGES`: its fit function, its class, and the range of its number."""
 
-    help: str  # description in one line
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
     stage: type | None = None  # class of the fitted stage
     low: float = 0.0  # least number that may be written after the name
@@ -41,29 +40,17 @@ class Kind:
 
 
 STAGES: dict[str, Kind] = {
-    "normalise": Kind(
-        "divide by the median of deep water, or by its mode if glint covers over N %", normalise.fit, Normalise, 1, 100
-    ),
-    "psf": Kind(
-        "N iterations of Richardson-Lucy, to determine the background only", Sharpen.fit, Sharpen, 1, 20, whole=True
-    ),
-    "psf-image": Kind(
-        "N iterations of Richardson-Lucy, as the image itself", SharpenImage.fit, SharpenImage, 1, 20, whole=True
-    ),
-    "identify-median": Kind("glint is above median + K lower-side deviations", identify.fit, IdentifyMedian, 0, 1000),
-    "identify-level": Kind(
-        "glint is above the opened background, window of N pixels", background.fit, Background, 3, 255, odd=True
-    ),
-    "replace-bands": Kind("from the spectrally nearest clean band", replace_glint.fit_bands, ReplaceBands),
-    "replace-level": Kind("from the band's own background", lambda *_: ReplaceLevel(), ReplaceLevel),
-    "median": Kind("adaptive median up to N pixels where glint is left", median.fit, Median, 3, 255, odd=True),
-    "targets": Kind(
-        "small bright targets, at a false-alarm rate of N; restored at the end", targets.fit, Targets, 1e-9, 0.1
-    ),
-    "remove": Kind("where the removal by the NIR stands"),
-    "posterior": Kind(
-        "the posterior mean of the water, clumps of glint N pixels wide", posterior.fit, Posterior, 1, 64, whole=True
-    ),
+    "normalise": Kind(normalise.fit, Normalise, 1, 100),  # by the median of deep water; its mode if glint covers > N %
+    "psf": Kind(Sharpen.fit, Sharpen, 1, 20, whole=True),  # N iterations of Richardson-Lucy, for the background only
+    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True),  # the same, as the image itself
+    "identify-median": Kind(identify.fit, IdentifyMedian, 0, 1000),  # glint is above median + N lower-side deviations
+    "identify-level": Kind(background.fit, Background, 3, 255, odd=True),  # above the opened background, N pixels wide
+    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands),  # from the spectrally nearest band without glint
+    "replace-level": Kind(lambda *_: ReplaceLevel(), ReplaceLevel),  # from the band's own background
+    "median": Kind(median.fit, Median, 3, 255, odd=True),  # adaptive median up to N pixels where glint is left
+    "targets": Kind(targets.fit, Targets, 1e-9, 0.1),  # small bright targets, at a false-alarm rate of N, restored
+    "remove": Kind(),  # where the removal by the NIR stands
+    "posterior": Kind(posterior.fit, Posterior, 1, 64, whole=True),  # mean of the water; clumps of glint N pixels wide
 }
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Chain of Fink (2014), section 6.3, as far as it can be reconstructed; without its PSF correction (`psf-image`)."""
