@@ -72,9 +72,13 @@ GAP_BINS = 64  # bins of the histogram in which the gap between water and land i
 
 
 def fit_water(
-    looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None = None, whole: bool = True,
+    looks: Sequence[FloatArray],
+    roles: Roles,
+    *,
+    pixel: float | None = None,
+    whole: bool = True,
     reflectance: bool = False,
-) -> WaterRule:  # fmt: skip
+) -> WaterRule:
     """Determine from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
     Water absorbs the NIR. It is therefore darker in the NIR than in the visible, with glint or without (the NDWI is

@@ -26,9 +26,14 @@ def transform(scene: Floats, *, workers: int = 1) -> Complex:
 
 
 def observe(
-    spectrum: Complex, sensor: Sensor, wavelength: float, *, factor: int, shift: tuple[float, float] = (0.0, 0.0),
+    spectrum: Complex,
+    sensor: Sensor,
+    wavelength: float,
+    *,
+    factor: int,
+    shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
     Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.

@@ -33,9 +33,14 @@ class Position(NamedTuple):
 
 
 def position(
-    latitude: npt.ArrayLike, longitude: npt.ArrayLike, time: Any, *, pressure: float = 1013.25,
-    temperature: float = 15.0, refraction: bool = True,
-) -> Position:  # fmt: skip
+    latitude: npt.ArrayLike,
+    longitude: npt.ArrayLike,
+    time: Any,
+    *,
+    pressure: float = 1013.25,
+    temperature: float = 15.0,
+    refraction: bool = True,
+) -> Position:
     """Compute the position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
 
     Parameters
