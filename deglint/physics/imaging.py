@@ -36,7 +36,8 @@ def observe(
 ) -> Floats:
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
-    Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
+    A pixel of the image, (row, column) [unit of the scene], is a blurred mean; the mean of the image is that of the
+    scene. Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
 
     Parameters
     ----------
@@ -50,11 +51,6 @@ def observe(
         Misregistration of the band: displacement of its pixels relative to the scene, down and right [pixel].
     workers : int
         Number of threads; the result does not depend on it.
-
-    Returns
-    -------
-    (row, column) ndarray
-        Blurred mean over each pixel, in the unit of the scene; the mean of the image is the mean of the scene.
 
     Examples
     --------

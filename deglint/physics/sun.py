@@ -43,6 +43,8 @@ def position(
 ) -> Position:
     """Compute the position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
 
+    The zenith angle is above 90 where the sun is below the horizon.
+
     Parameters
     ----------
     latitude, longitude : array_like
@@ -53,11 +55,6 @@ def position(
         Pressure [hPa] and temperature [degree Celsius] of the air, for refraction.
     refraction : bool
         If True, the zenith angle is the apparent one, with refraction by the air. If False, it is the geometric one.
-
-    Returns
-    -------
-    Position
-        The zenith angle is above 90 where the sun is below the horizon.
 
     Examples
     --------
