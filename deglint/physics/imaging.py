@@ -5,17 +5,12 @@ modulation transfer function (MTF), then sampled at the pixels, which causes ali
 assumed to be periodic. Only blur is modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
 from ._checks import Floats
 from .sensor import Sensor, cutoff
-from .surface import on_rows
-
-Complex = npt.NDArray[np.complexfloating[Any, Any]]
+from .surface import Complex, on_rows
 
 
 def transform(scene: Floats, *, workers: int = 1) -> Complex:

@@ -143,12 +143,8 @@ def moment(time: Any) -> np.datetime64:
 @cache
 def _spa() -> Any:
     """Import the module pvlib.spa without the rest of pvlib, whose import takes a second; spa needs only numpy."""
-    package = find_spec("pvlib")
-    assert package is not None
-    assert package.origin is not None
-    found = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
-    assert found is not None
-    assert found.loader is not None
+    package: Any = find_spec("pvlib")
+    found: Any = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
     module = module_from_spec(found)
     found.loader.exec_module(module)
     return module
