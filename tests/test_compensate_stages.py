@@ -14,7 +14,6 @@ from deglint.compensate.stages import (
     chain_from,
     fit_stages,
     parse,
-    stage_from,
 )  # fmt: skip
 from deglint.compensate.state import Sample, Setting, State
 from deglint.errors import FitError, InputError
@@ -168,7 +167,8 @@ def test_saved_and_read_back_to_the_bit(text):
 )  # fmt: skip
 def test_what_is_no_saved_stage_is_refused(data):
     with pytest.raises(InputError) as error:
-        stage_from(data)
+        chain_from({"chain": data.get("stage"), "before": [data], "after": []})
+    assert str(error.value).startswith("not a saved compensation")
     assert "\n" not in str(error.value)
 
 

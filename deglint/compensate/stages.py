@@ -195,31 +195,27 @@ def plain(stage: Stage) -> dict[str, Any]:
     return {"stage": stage.name, **values}
 
 
-def stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read a stage from the values that `plain` returns. Raises InputError if it is not a stage of this version."""
+def _stage_from(data: Mapping[str, Any]) -> Stage:
+    """Read a stage from the values that `plain` returns; `chain_from` explains the errors of other values."""
+    kind: Any = STAGES[data["stage"]].stage
     rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
-    try:
-        kind = STAGES[data["stage"]].stage
-        assert kind is not None
-        if "psfs" in rest:
-            rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
-        if "left" in rest:
-            rest["left"] = tuple(LeftOver(**band) for band in rest["left"])
-        return kind(**rest)
-    except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
+    if "psfs" in rest:
+        rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
+    if "left" in rest:
+        rest["left"] = tuple(LeftOver(**band) for band in rest["left"])
+    return kind(**rest)
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
     """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a valid saved chain."""
     try:
-        before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
+        before, after = (tuple(_stage_from(s) for s in data[k]) for k in ("before", "after"))
         text = str(data["chain"])
         names = [*(s.name for s in before), "remove", *(s.name for s in after)]
         if names != [step.name for step in parse(text)]:
             raise ValueError(f"its stages are {', '.join(names)}, and its text is {text!r}")
         return Chain(before, after, text)
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 
 
