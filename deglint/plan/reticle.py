@@ -24,7 +24,7 @@ Mask = npt.NDArray[np.bool_]
 MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
 # points of the compass, clockwise from north
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
-_NAMES = {"N": "north", "E": "east", "S": "south", "W": "west"}
+_CARDINAL = {"N": "north", "E": "east", "S": "south", "W": "west"}
 _AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must not be excluded
 
 
@@ -291,7 +291,7 @@ def compass(azimuth: float) -> str:
     >>> compass(225.0)
     'south-west'
     """
-    return "-".join(_NAMES[letter] for letter in _POINTS[round(azimuth / 22.5) % 16])
+    return "-".join(_CARDINAL[letter] for letter in _POINTS[round(azimuth / 22.5) % 16])
 
 
 @lru_cache(maxsize=4)
