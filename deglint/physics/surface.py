@@ -34,11 +34,6 @@ class Surface:
     height_variance: float  # expected variance of height on this grid [m2]
     slope_variance: tuple[float, float]  # expected variance of upwind and crosswind slope on this grid [1]
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the grid."""
-        return self.amplitudes.shape[0], self.amplitudes.shape[1]
-
     def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
         """Height [m] at a time [s], (row, column) float32, row 0 in the north; computed on `workers` threads."""
         return np.ascontiguousarray(self.field(time, slopes=False, workers=workers).real)
@@ -54,7 +49,7 @@ class Surface:
 
         from ._surface_kernels import evolve
 
-        rows, columns = self.shape
+        rows, columns = self.amplitudes.shape
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
         physics = SURFACE_TENSION, GRAVITY

@@ -234,7 +234,7 @@ def test_slopes_forget_as_the_cosine_integral_says(spectrum):
 
 def twin(surface, time):
     """Height and slopes of a surface by a plain sum over its waves."""
-    rows, columns = surface.shape
+    rows, columns = surface.amplitudes.shape
     north = -2 * np.pi * np.fft.fftfreq(rows, surface.spacing)[:, None]
     east = 2 * np.pi * np.fft.fftfreq(columns, surface.spacing)[None, :]
     turned = surface.amplitudes * np.exp(-1j * spectra.dispersion(np.hypot(north, east)) * time)
