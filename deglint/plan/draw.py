@@ -11,7 +11,7 @@ from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
 Image = npt.NDArray[np.uint8]  # (row, column, 3), the last axis red, green, blue
-Values = npt.NDArray[Any]
+Values = npt.NDArray[Any]  # one value for each viewing geometry, (zenith, azimuth)
 Colour = tuple[int, int, int]  # red, green, blue, 0 to 255
 Point = tuple[float, float]  # x to the right, y down, from the upper left corner [pixel]
 Pattern = tuple[Values, str, Colour]
