@@ -31,7 +31,7 @@ def panel(canvas, column, plan, values, title, *, patterns=(), high=""):
     centre = (40 + RADIUS + column * (2 * RADIUS + 70), 76 + RADIUS)
     for k, line in enumerate(title.split("\n")):
         canvas.text((centre[0], 22 + 19 * k), line, 15, INK if k == 0 else GREY, anchor="mm")
-    sky_disc(canvas, centre, RADIUS, plan, values, patterns, small=True)
+    sky_disc(canvas, centre, RADIUS, plan, values, patterns)
     left, top = round(centre[0] - 100), round(centre[1] + RADIUS + 24)
     if high:
         canvas.image[top : top + 12, left : left + 200] = palette(np.linspace(0, 1, 200))

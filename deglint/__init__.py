@@ -19,16 +19,22 @@ import logging
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .errors import DeglintError
-    from .info import examine
-    from .pipeline.fit import Fitted, fit_scene
-    from .pipeline.outputs import Result
-    from .pipeline.recipe import Recipe
-    from .pipeline.run import correct, remove_glint
-    from .readers.opening import open_scene
-    from .readers.roles import find_nir
-    from .remove import METHODS, GlintModel, apply, fit
-    from .scene import Band, Scene
+    from .errors import DeglintError as DeglintError
+    from .info import examine as examine
+    from .pipeline.fit import Fitted as Fitted
+    from .pipeline.fit import fit_scene as fit_scene
+    from .pipeline.outputs import Result as Result
+    from .pipeline.recipe import Recipe as Recipe
+    from .pipeline.run import correct as correct
+    from .pipeline.run import remove_glint as remove_glint
+    from .readers.opening import open_scene as open_scene
+    from .readers.roles import find_nir as find_nir
+    from .remove import METHODS as METHODS
+    from .remove import GlintModel as GlintModel
+    from .remove import apply as apply
+    from .remove import fit as fit
+    from .scene import Band as Band
+    from .scene import Scene as Scene
 
 __version__ = "0.2.0"
 
@@ -52,10 +58,7 @@ _HOMES = {
 }
 """Module of each public name. Type checkers read the imports above; a test checks that both lists are equal."""
 
-__all__ = [
-    "METHODS", "Band", "DeglintError", "Fitted", "GlintModel", "Recipe", "Result", "Scene", "__version__", "apply",
-    "correct", "examine", "find_nir", "fit", "fit_scene", "open_scene", "remove_glint",
-]  # fmt: skip
+__all__ = ["__version__", *_HOMES]
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 

@@ -28,6 +28,7 @@ from .errors import InputError
 
 Float64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Crop = tuple[int, int, int, int]  # halo of a block: rows above and below, columns left and right [pixel]
 _NEAR_MEAN = 0.9
 """Upper limit for one pass: share [1] of the sum of squares about a typical pixel that is due to the distance of this
 pixel from the mean. A share of 0.9 costs three bits of precision."""

@@ -18,7 +18,7 @@ from itertools import groupby
 from typing import Any, TypeVar
 
 from .checks import check_number
-from .moments import CELL
+from .moments import CELL, Crop
 from .scene import Window
 
 T = TypeVar("T")
@@ -73,7 +73,7 @@ class Tile:
         rows = slice(self.row0 - outer.row0, self.row1 - outer.row0)
         return ..., rows, slice(self.col0 - outer.col0, self.col1 - outer.col0)
 
-    def crop_of(self, outer: Tile) -> tuple[int, int, int, int]:
+    def crop_of(self, outer: Tile) -> Crop:
         """Numbers of rows above and below, and of columns left and right, by which the tile `outer` exceeds this."""
         above, left = self.row0 - outer.row0, self.col0 - outer.col0
         return above, outer.row1 - self.row1, left, outer.col1 - self.col1
@@ -151,9 +151,13 @@ def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:
 
 
 def run(
-    everything: Sequence[Tile], work: Callable[[Tile], T], *, threads: int = 1,
-    progress: Callable[[int, int], None] | None = None, start: Callable[[], None] | None = None,
-) -> Iterator[tuple[Tile, T]]:  # fmt: skip
+    everything: Sequence[Tile],
+    work: Callable[[Tile], T],
+    *,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    start: Callable[[], None] | None = None,
+) -> Iterator[tuple[Tile, T]]:
     """Call `work` on every tile and yield (tile, result) in order; at most threads + 1 tiles are pending at a time.
 
     Each thread calls `start` before its first tile. `progress` is called with the numbers of finished and of all tiles.

@@ -53,7 +53,7 @@ class Ceiling:
 
 
 def test_a_new_stage_is_a_module_and_a_line_of_the_table(monkeypatch, sea, write, read, tmp_path):
-    kind = Kind("at most N", lambda _sample, _setting, number: Ceiling(number), Ceiling, 1, 30_000)
+    kind = Kind(lambda _sample, _setting, number: Ceiling(number), Ceiling, 1, 30_000)
     monkeypatch.setitem(STAGES, "ceiling", kind)
     source, out, model = (tmp_path / name for name in ("in.tif", "out.tif", "model.json"))
     write(source, sea())

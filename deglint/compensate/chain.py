@@ -50,8 +50,6 @@ def apply_chain(state: State, chain: Chain, model: GlintModel) -> State:
 
 def removed(state: State, model: GlintModel) -> State:
     """The state after subtraction of the glint that `model` predicts; its field `removed` has the subtracted glint."""
-    if not model.fits:
-        return replace(state, removed=np.zeros_like(state.image))
     if not model.halo:
         image = np.asarray(apply(state.image, model), np.float32)
         return replace(state, image=image, removed=state.image - image)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .replace_glint import put
-from .state import Float32, Mask, State
+from .state import Float32, Mask, Sample, Setting, State
 
 LARGEST_MEDIAN = 25  # default side of the largest window [pixel]: twice the default window of the opening
 CLEAN = 5  # least number of glint-free pixels in a window: the median of fewer is hardly less noisy than one pixel
@@ -34,6 +34,11 @@ class Median:
             at, clean = glint & state.water, ~glint & state.water
             values[b], filled[b] = adaptive_median(state.image[b], at, clean, self.largest)
         return put(state, filled, values, glint=None, background=None, sharp=None, psfs=None)
+
+
+def fit(_sample: Sample, _setting: Setting, number: float | None = None) -> Median:
+    """Make the stage; `number` is the side of the largest window, odd, 25 by default [pixel]."""
+    return Median(int(number or LARGEST_MEDIAN))
 
 
 def adaptive_median(band: Float32, glint: Mask, clean: Mask, largest: int = LARGEST_MEDIAN) -> tuple[Float32, Mask]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..moments import Float64
+from ..physics._checks import check_number
 from ..physics.sensor import Sensor, SensorBand, cutoff
 from ..physics.sensor import psf as sample_psf
 
@@ -76,13 +77,9 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     >>> green.kernel.shape
     (9, 9)
     """
-    given = {"wavelength": wavelength, "f_number": f_number, "pitch": pitch, "smear": smear}
-    for name, value in given.items():
-        if not (isinstance(value, int | float | np.number) and np.isfinite(value) and value >= 0):
-            raise InputError(f"{name} must be a number, not below 0, got {value!r}. See what is known of the sensor.")
-    if not 100 <= wavelength <= 20_000:
-        raise InputError(f"wavelength must be 100 to 20000 nm, got {wavelength:g}. Give the centre of the band.")
-    return _sampled(float(wavelength), float(f_number), float(pitch), float(smear))
+    check_number("wavelength", wavelength, 100, 20_000, "nm", "Give the centre of the band.")
+    band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
+    return _sampled(Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear))
 
 
 def typical_psf(wavelength: float) -> PSF:
@@ -96,10 +93,9 @@ def typical_psf(wavelength: float) -> PSF:
 
 
 @lru_cache(maxsize=64)
-def _sampled(wavelength: float, f_number: float, pitch: float, smear: float) -> PSF:
-    """The PSF that `system_psf` returns, from the same arguments; results are cached."""
-    band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
-    sensor = Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear)
+def _sampled(sensor: Sensor) -> PSF:
+    """The PSF that `system_psf` returns, for a sensor with one band; results are cached."""
+    wavelength = sensor.bands[0].wavelength
     blur = 1 / cutoff(sensor, wavelength)  # Q: 1 where diffraction ends at the sampling frequency
     side = 2 * min(64 * int(np.ceil(blur)), 256) + 1  # light from beyond wraps around; it is negligible
     oversample = int(np.clip(np.ceil(2 / blur), 2, 64))

@@ -68,6 +68,5 @@ def fit_bands(_sample: Sample, setting: Setting, _number: float | None = None) -
     """Make the stage `replace-bands`; nearest bands are those in wavelength or, if one is not known, in the file."""
     waves = setting.wavelengths
     place = waves if np.isfinite(waves).all() else np.arange(len(waves), dtype=float)
-    count = range(len(place))
-    order = [sorted((j for j in count if j != i), key=lambda j: (abs(place[j] - place[i]), j)) for i in count]
-    return ReplaceBands(tuple(map(tuple, order)))
+    order = [np.argsort(np.abs(place - own), kind="stable").tolist() for own in place]
+    return ReplaceBands(tuple(tuple(j for j in others if j != i) for i, others in enumerate(order)))

@@ -1,7 +1,7 @@
 """PSF correction: Richardson-Lucy deconvolution with the point spread function of each band."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -61,6 +61,20 @@ class Sharpen:
     iterations: int
     floors: tuple[float, ...]  # lower limit of the values of each band
 
+    @classmethod
+    def fit(cls, sample: Sample, setting: Setting, number: float | None = None) -> Self:
+        """Make the stage with the PSFs in `setting`; `number` is the number of iterations, 2 by default. The lower
+        limits `floors` are a thousandth of the median of each band in `sample`. Raises InputError if the PSFs are not
+        known, FitError if the sample is too small.
+        """
+        if setting.psfs is None:
+            raise InputError(
+                f"{cls.name} needs the wavelengths of all bands, 300 to 2500 nm: give --wavelengths, or leave it out."
+            )
+        middles = [np.median(sample.values([s.image[b] for s in sample.states])) for b in range(len(setting.bands))]
+        floors = tuple(max(FLOOR * float(m), 1e-12) for m in middles)
+        return cls(setting.psfs, int(number or ITERATIONS), floors)
+
     @property
     def halo(self) -> int:
         """Margin around a block that the iterations need [pixel]."""
@@ -85,17 +99,3 @@ class SharpenImage(Sharpen):
     def apply(self, state: State) -> State:
         """Replace every band by its deconvolution, and mark all water as replaced."""
         return replace(state, image=self.sharp(state), replaced=np.broadcast_to(state.water, state.image.shape))
-
-
-def fit(kind: type[Sharpen], sample: Sample, setting: Setting, number: float | None = None) -> Sharpen:
-    """Make a stage of class `kind` with the PSFs in `setting`; `number` is the number of iterations, 2 by default.
-    The lower limits `floors` are a thousandth of the median of each band in `sample`. Raises InputError if the PSFs are
-    not known, FitError if the sample is too small.
-    """
-    if setting.psfs is None:
-        raise InputError(
-            f"{kind.name} needs the wavelengths of all bands, 300 to 2500 nm: give --wavelengths, or leave it out."
-        )
-    middles = [np.median(sample.values([s.image[b] for s in sample.states])) for b in range(len(setting.bands))]
-    floors = tuple(max(FLOOR * float(m), 1e-12) for m in middles)
-    return kind(setting.psfs, int(number or ITERATIONS), floors)

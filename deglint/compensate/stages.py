@@ -6,74 +6,52 @@ remove``. `remove` is the removal by the NIR; stages before it process the scene
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from . import background, identify, median, normalise, posterior, replace_glint, sharpen, targets
+from . import background, identify, median, normalise, posterior, replace_glint, targets
+from .background import Background
+from .identify import IdentifyMedian
+from .median import Median
+from .normalise import Normalise
+from .posterior import LeftOver, Posterior
 from .psf import PSF
+from .replace_glint import ReplaceBands, ReplaceLevel
+from .sharpen import Sharpen, SharpenImage
 from .state import Sample, Setting, State, in_scene_units
+from .targets import Targets
 
 Stage = Any  # a fitted stage: a frozen dataclass of plain numbers with `name`, `halo` and `apply(state) -> State`
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Definition of a stage, entry of `STAGES`: its description, fit function, class, and the range of its number."""
+    """Definition of a stage, entry of `STAGES`: its fit function, its class, and the range of its number."""
 
-    help: str  # description in one line
     fit: Callable[[Sample, Setting, float | None], Stage] | None = None  # fits it, given its number; None for `remove`
     stage: type | None = None  # class of the fitted stage
     low: float = 0.0  # least number that may be written after the name
     high: float = 0.0  # largest number; 0 for a stage without a number
     whole: bool = False  # the number must be an integer
-    odd: bool = False  # the number must be odd
+    odd: bool = False  # the number must be an odd integer
 
 
 STAGES: dict[str, Kind] = {
-    "normalise": Kind(
-        "divide by the median of deep water; by its mode where glint covers more than N %",
-        normalise.fit, normalise.Normalise, 1, 100,
-    ),
-    "psf": Kind(
-        "N iterations of Richardson-Lucy, to determine the background only",
-        partial(sharpen.fit, sharpen.Sharpen), sharpen.Sharpen, 1, 20, whole=True,
-    ),
-    "psf-image": Kind(
-        "N iterations of Richardson-Lucy, as the image itself",
-        partial(sharpen.fit, sharpen.SharpenImage), sharpen.SharpenImage, 1, 20, whole=True,
-    ),
-    "identify-median": Kind(
-        "glint is above median + K lower-side deviations", identify.fit, identify.IdentifyMedian, 0, 1000
-    ),
-    "identify-level": Kind(
-        "glint is above the opened background, window of N pixels",
-        background.fit, background.Background, 3, 255, whole=True, odd=True,
-    ),
-    "replace-bands": Kind(
-        "from the spectrally nearest clean band", replace_glint.fit_bands, replace_glint.ReplaceBands
-    ),
-    "replace-level": Kind(
-        "from the band's own background", lambda *_: replace_glint.ReplaceLevel(), replace_glint.ReplaceLevel
-    ),
-    "median": Kind(
-        "adaptive median up to N pixels where glint is left",
-        lambda _sample, _setting, n: median.Median(int(n or median.LARGEST_MEDIAN)), median.Median,
-        3, 255, whole=True, odd=True,
-    ),
-    "targets": Kind(
-        "small bright targets, at a false-alarm rate of N; restored at the end",
-        targets.fit, targets.Targets, 1e-9, 0.1,
-    ),
-    "remove": Kind("where the removal by the NIR stands"),
-    "posterior": Kind(
-        "the posterior mean of the water, clumps of glint N pixels wide", posterior.fit, posterior.Posterior, 1, 64,
-        whole=True,
-    ),
-}  # fmt: skip
+    "normalise": Kind(normalise.fit, Normalise, 1, 100),  # by the median of deep water; its mode if glint covers > N %
+    "psf": Kind(Sharpen.fit, Sharpen, 1, 20, whole=True),  # N iterations of Richardson-Lucy, for the background only
+    "psf-image": Kind(SharpenImage.fit, SharpenImage, 1, 20, whole=True),  # the same, as the image itself
+    "identify-median": Kind(identify.fit, IdentifyMedian, 0, 1000),  # glint is above median + N lower-side deviations
+    "identify-level": Kind(background.fit, Background, 3, 255, odd=True),  # above the opened background, N pixels wide
+    "replace-bands": Kind(replace_glint.fit_bands, ReplaceBands),  # from the spectrally nearest band without glint
+    "replace-level": Kind(lambda *_: ReplaceLevel(), ReplaceLevel),  # from the band's own background
+    "median": Kind(median.fit, Median, 3, 255, odd=True),  # adaptive median up to N pixels where glint is left
+    "targets": Kind(targets.fit, Targets, 1e-9, 0.1),  # small bright targets, at a false-alarm rate of N, restored
+    "remove": Kind(),  # where the removal by the NIR stands
+    "posterior": Kind(posterior.fit, Posterior, 1, 64, whole=True),  # mean of the water; clumps of glint N pixels wide
+}
 THESIS_CHAIN = "normalise, identify-median:5, replace-bands, median:25, remove"
 """Chain of Fink (2014), section 6.3, as far as it can be reconstructed; without its PSF correction (`psf-image`)."""
 NEVER_AFTER = {
@@ -152,8 +130,9 @@ def _number(name: str, text: str) -> float:
         number = float(text)
     except ValueError:
         raise InputError(f"stage '{name}:{text}': {text!r} is not a number.") from None
-    if not kind.low <= number <= kind.high or (kind.whole and number % 1):
-        noun = "an integer" if kind.whole else "a number"
+    integer = kind.whole or kind.odd
+    if not kind.low <= number <= kind.high or (integer and number % 1):
+        noun = "an integer" if integer else "a number"
         raise InputError(f"{name} takes {noun} from {kind.low:g} to {kind.high:g}, got {text}.")
     if kind.odd and not number % 2:
         raise InputError(f"{name}:{text}: the size must be odd, so that it has a middle.")
@@ -216,31 +195,27 @@ def plain(stage: Stage) -> dict[str, Any]:
     return {"stage": stage.name, **values}
 
 
-def stage_from(data: Mapping[str, Any]) -> Stage:
-    """Read a stage from the values that `plain` returns. Raises InputError if it is not a stage of this version."""
+def _stage_from(data: Mapping[str, Any]) -> Stage:
+    """Read a stage from the values that `plain` returns; `chain_from` explains the errors of other values."""
+    kind: Any = STAGES[data["stage"]].stage
     rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
-    try:
-        kind = STAGES[data["stage"]].stage
-        assert kind is not None
-        if "psfs" in rest:
-            rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
-        if "left" in rest:
-            rest["left"] = tuple(posterior.LeftOver(**band) for band in rest["left"])
-        return kind(**rest)
-    except (AssertionError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"not a saved stage of a compensation ({error}); fit and save it again.") from error
+    if "psfs" in rest:
+        rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
+    if "left" in rest:
+        rest["left"] = tuple(LeftOver(**band) for band in rest["left"])
+    return kind(**rest)
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
     """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a valid saved chain."""
     try:
-        before, after = (tuple(stage_from(s) for s in data[k]) for k in ("before", "after"))
+        before, after = (tuple(_stage_from(s) for s in data[k]) for k in ("before", "after"))
         text = str(data["chain"])
         names = [*(s.name for s in before), "remove", *(s.name for s in after)]
         if names != [step.name for step in parse(text)]:
             raise ValueError(f"its stages are {', '.join(names)}, and its text is {text!r}")
         return Chain(before, after, text)
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
 
 

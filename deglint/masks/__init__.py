@@ -9,10 +9,7 @@ functions read no files, keep no state, and never change a pixel.
 """
 
 from .find import fit_water
-from .sample import SampleRule, away_from_shore, deep_water, fit_sample, sample_halo
+from .sample import SampleRule, away_from_shore, deep_water, fit_sample
 from .surface import Roles, WaterRule, water
 
-__all__ = [
-    "Roles", "SampleRule", "WaterRule", "away_from_shore", "deep_water", "fit_sample", "fit_water", "sample_halo",
-    "water",
-]  # fmt: skip
+__all__ = ["Roles", "SampleRule", "WaterRule", "away_from_shore", "deep_water", "fit_sample", "fit_water", "water"]

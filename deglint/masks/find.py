@@ -72,9 +72,13 @@ GAP_BINS = 64  # bins of the histogram in which the gap between water and land i
 
 
 def fit_water(
-    looks: Sequence[FloatArray], roles: Roles, *, pixel: float | None = None, whole: bool = True,
+    looks: Sequence[FloatArray],
+    roles: Roles,
+    *,
+    pixel: float | None = None,
+    whole: bool = True,
     reflectance: bool = False,
-) -> WaterRule:  # fmt: skip
+) -> WaterRule:
     """Determine from some blocks of a scene how to distinguish water from land, clouds, foam and ships.
 
     Water absorbs the NIR. It is therefore darker in the NIR than in the visible, with glint or without (the NDWI is
@@ -166,8 +170,7 @@ class _View:
     """Blocks (band, row, column) with valid pixels, searched for water, and masks (row, column) of these pixels."""
 
     def __init__(self, blocks: Sequence[FloatArray], roles: Roles) -> None:
-        valid = [valid_for(b, roles) for b in blocks]
-        kept = [(b, v) for b, v in zip(blocks, valid, strict=True) if v.any()]
+        kept = [(b, v) for b in blocks if (v := valid_for(b, roles)).any()]
         self.blocks, self.valid, self.roles = [b for b, _ in kept], [v for _, v in kept], roles
         self.pixels = int(sum(v.sum() for v in self.valid))
 
@@ -178,8 +181,7 @@ class _View:
     @cached_property
     def contrast(self) -> FloatArray:
         """First visible band minus NIR, (pixel,), at the pixels that `flat` selects."""
-        visible = self.roles.visible[0]
-        return self.flat([b[visible] - b[self.roles.nir] for b in self.blocks])
+        return self.flat([b[self.roles.visible[0]] - b[self.roles.nir] for b in self.blocks])
 
     @cached_property
     def saturation(self) -> float:
@@ -268,10 +270,9 @@ class _View:
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
         """Whether `bright` pixels may be boats: there is land, and squares of sea are few or often lack such pixels."""
-        if sum(int(s.sum()) for s in sea) == self.pixels:
-            return False
+        has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
-        return len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE
+        return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)
 
     def is_water(self, solid: Sequence[Mask], votes: Sequence[Votes], compact: float) -> bool:
         """Whether most pixels outside `solid` (land) vote for water, and enough of them fill squares of 5 x 5 pixels.

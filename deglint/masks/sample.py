@@ -57,16 +57,11 @@ class SampleRule:
     @property
     def halo(self) -> int:
         """Width of the margin that `deep_water` needs around a tile [pixel]."""
-        return sample_halo(self.water, self.distance)
+        return self.water.halo + max(self.distance, SIZE // 2) + CLEANING - 1
 
     def numbers(self) -> dict[str, Any]:
         """Values for the JSON sidecar of an output: the halo, and every field except `water`."""
         return {k: v for k, v in asdict(self).items() if k != "water"} | {"halo": self.halo}
-
-
-def sample_halo(water: WaterRule, distance: int = max(DISTANCES)) -> int:
-    """Width of the margin that `deep_water` needs around a tile [pixel], for a distance [pixel] from other surfaces."""
-    return water.halo + max(distance, SIZE // 2) + CLEANING - 1
 
 
 class _Local(NamedTuple):

@@ -94,6 +94,8 @@ def irradiance(
 ) -> Irradiance:
     """Compute direct and diffuse irradiance just above the sea (Gregg and Carder 1990, eq. 1 to 29).
 
+    It is that of a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
+
     Parameters
     ----------
     wavelength : array_like
@@ -108,11 +110,6 @@ def irradiance(
         Solar irradiance and absorption by gases at `wavelength`; by default ``table_spectrum(wavelength)``.
     **params
         Fields of `Air` that replace those of `air`, such as ``visibility=23``.
-
-    Returns
-    -------
-    Irradiance
-        Irradiance of a horizontal plane. The direct irradiance of a plane facing the sun is direct / cos(sun zenith).
 
     Examples
     --------

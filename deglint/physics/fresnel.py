@@ -14,9 +14,10 @@ WATER_INDEX = 1.34  # refractive index of sea water in the visible [1], the usua
 
 
 def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Array:
-    """Fresnel reflectance of a flat water surface for unpolarised light from above.
+    """Fresnel reflectance [1] of a flat water surface for unpolarised light from above.
 
-    It is the mean of light polarised perpendicular and parallel to the plane of incidence, r = (r_s + r_p) / 2.
+    It is the power reflectance, 0 to 1: the mean r = (r_s + r_p) / 2 of light polarised perpendicular and parallel to
+    the plane of incidence.
 
     Parameters
     ----------
@@ -24,11 +25,6 @@ def reflectance(angle: npt.ArrayLike, index: npt.ArrayLike = WATER_INDEX) -> Arr
         Angle of incidence in air, from the normal [degree], 0 to 90.
     index : array_like
         Refractive index of water divided by that of air [1], 1.01 to 2.
-
-    Returns
-    -------
-    ndarray
-        Power reflectance [1], 0 to 1.
 
     Examples
     --------

@@ -142,9 +142,15 @@ def cone(half_angle: npt.ArrayLike) -> Array:
 
 
 def sun_glint(
-    sun_zenith: npt.ArrayLike, sun_azimuth: npt.ArrayLike, view_zenith: npt.ArrayLike, view_azimuth: npt.ArrayLike, *,
-    wind: npt.ArrayLike, wind_from: npt.ArrayLike, model: str = "cox-munk",
-) -> Glint:  # fmt: skip
+    sun_zenith: npt.ArrayLike,
+    sun_azimuth: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    view_azimuth: npt.ArrayLike,
+    *,
+    wind: npt.ArrayLike,
+    wind_from: npt.ArrayLike,
+    model: str = "cox-munk",
+) -> Glint:
     """Compute sun glint from angles and wind, for the solar disk at mean distance (`probability` is for any disk).
 
     Parameters

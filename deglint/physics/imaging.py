@@ -5,17 +5,12 @@ modulation transfer function (MTF), then sampled at the pixels, which causes ali
 assumed to be periodic. Only blur is modelled here: radiometry and noise are in `deglint.physics.sensor`.
 """
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from ..errors import InputError
 from ._checks import Floats
 from .sensor import Sensor, cutoff
-from .surface import on_rows
-
-Complex = npt.NDArray[np.complexfloating[Any, Any]]
+from .surface import Complex, on_rows
 
 
 def transform(scene: Floats, *, workers: int = 1) -> Complex:
@@ -26,12 +21,18 @@ def transform(scene: Floats, *, workers: int = 1) -> Complex:
 
 
 def observe(
-    spectrum: Complex, sensor: Sensor, wavelength: float, *, factor: int, shift: tuple[float, float] = (0.0, 0.0),
+    spectrum: Complex,
+    sensor: Sensor,
+    wavelength: float,
+    *,
+    factor: int,
+    shift: tuple[float, float] = (0.0, 0.0),
     workers: int = 1,
-) -> Floats:  # fmt: skip
+) -> Floats:
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
-    Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
+    A pixel of the image, (row, column) [unit of the scene], is a blurred mean; the mean of the image is that of the
+    scene. Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
 
     Parameters
     ----------
@@ -45,11 +46,6 @@ def observe(
         Misregistration of the band: displacement of its pixels relative to the scene, down and right [pixel].
     workers : int
         Number of threads; the result does not depend on it.
-
-    Returns
-    -------
-    (row, column) ndarray
-        Blurred mean over each pixel, in the unit of the scene; the mean of the image is the mean of the scene.
 
     Examples
     --------

@@ -149,10 +149,11 @@ def cutoff(sensor: Sensor, wavelength: float) -> float:
 
 
 def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Floats:
-    """MTF of the whole sensor: diffraction, detector, smear and jitter.
+    """MTF [1] of the whole sensor: diffraction, detector, smear and jitter.
 
     ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, with
     ``|v|**2 = v_r**2 + v_c**2``, the smear d and the jitter s in pixels, and ``sinc(x) = sin(pi x) / (pi x)``.
+    It is 1 at zero frequency, and may be negative above the sampling frequency.
 
     Parameters
     ----------
@@ -160,11 +161,6 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
         Spatial frequencies v_r along a column (in-track) and v_c along a row [cycles/pixel]; they broadcast.
     sensor, wavelength : Sensor, float
         Sensor whose optics and detector blur the image, and the wavelength [nm].
-
-    Returns
-    -------
-    ndarray
-        MTF [1], 1 at zero frequency; it may be negative above the sampling frequency.
 
     References
     ----------
@@ -178,9 +174,10 @@ def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: S
 
 
 def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 8) -> Floats:
-    """Point spread function (PSF): share of the light of a point source that each pixel receives.
+    """Point spread function (PSF): share [1] of the light of a point source that each pixel receives, (size, size).
 
-    The point source is at the centre of the central pixel.
+    The point source is at the centre of the central pixel. The sum of the shares is 1, since light that falls beyond an
+    edge is added at the opposite edge.
 
     Parameters
     ----------
@@ -190,11 +187,6 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
         Number of rows and of columns of the result, odd, 3 to 1023; an even number is increased by 1.
     oversample : int
         The MTF is used up to the frequency oversample / 2 [cycles/pixel]; 2 to 64.
-
-    Returns
-    -------
-    (size, size) ndarray
-        Shares [1]; their sum is 1, since light that falls beyond an edge is added at the opposite edge.
 
     Examples
     --------
@@ -216,7 +208,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
-    """Number of electrons in a pixel for a radiance (Fink 2014, eq. 2.23).
+    """Number of electrons in a pixel for a radiance, not limited by the well (Fink 2014, eq. 2.23).
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``: detector area A, exposure time t, quantum efficiency QE,
     transmission tau, central wavelength lambda, bandwidth dlambda, f-number f#, Planck constant h, speed of light c.
@@ -229,11 +221,6 @@ def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, expo
         The sensor, and one of its bands.
     exposure : float, optional
         Exposure time [s]; by default `Sensor.exposure` of the band.
-
-    Returns
-    -------
-    ndarray
-        Number of electrons, not limited by the well.
     """
     exposure = sensor.exposure(band) if exposure is None else exposure
     photon_energy = PLANCK * LIGHT_SPEED / (band.wavelength * 1e-9)

@@ -26,9 +26,13 @@ _gauss_legendre = cache(np.polynomial.legendre.leggauss)  # nodes and weights of
 
 
 def radiance(
-    zenith: npt.ArrayLike, azimuth: npt.ArrayLike, sun_zenith: npt.ArrayLike = 0.0, sun_azimuth: npt.ArrayLike = 0.0, *,
+    zenith: npt.ArrayLike,
+    azimuth: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike = 0.0,
+    sun_azimuth: npt.ArrayLike = 0.0,
+    *,
     model: str = "uniform",
-) -> Array:  # fmt: skip
+) -> Array:
     """Radiance of the sky in a direction, per unit of diffuse irradiance of a horizontal plane [1/sr].
 
     Uniform: 1 / pi. Cardioidal: (1 + 2 cos(theta)) / (pi (1 + 4 / 3)), with the zenith angle theta of the direction.
@@ -75,9 +79,15 @@ def radiance_of_cosines(cosine: Array, towards: Array, sun_zenith: npt.ArrayLike
 
 
 def reflectance(
-    view_zenith: npt.ArrayLike, view_azimuth: npt.ArrayLike, sun_zenith: npt.ArrayLike = 0.0,
-    sun_azimuth: npt.ArrayLike = 0.0, *, wind: npt.ArrayLike, wind_from: npt.ArrayLike, model: str = "uniform",
-) -> Array:  # fmt: skip
+    view_zenith: npt.ArrayLike,
+    view_azimuth: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike = 0.0,
+    sun_azimuth: npt.ArrayLike = 0.0,
+    *,
+    wind: npt.ArrayLike,
+    wind_from: npt.ArrayLike,
+    model: str = "uniform",
+) -> Array:
     """Sky radiance reflected by the sea into the sensor, per unit of diffuse irradiance [1/sr].
 
     It is the integral of w r L_sky over the slopes of the facets, by Gauss-Legendre quadrature, with the Fresnel

@@ -62,10 +62,10 @@ MODELS: dict[str, SlopeModel] = {
 def density(
     upwind: npt.ArrayLike, crosswind: npt.ArrayLike, wind: npt.ArrayLike, *, model: str = "cox-munk", clip: bool = True
 ) -> Array:
-    """Probability density of the slopes of the sea surface for a wind.
+    """Probability density of the slopes of the sea surface for a wind, per unit of slope along both axes [1].
 
     With X = upwind / sigma_u, Y = crosswind / sigma_c (sigma: standard deviations of the slopes) and the coefficients c
-    of the model (Cox and Munk 1954, eq. 18),
+    of the model, the density, whose integral is 1, is (Cox and Munk 1954, eq. 18)
 
         p = exp(-(X^2 + Y^2) / 2) / (2 pi sigma_u sigma_c)
             [1 - c21 (Y^2 - 1) X / 2 - c03 (X^3 - 3 X) / 6 + c40 (Y^4 - 6 Y^2 + 3) / 24
@@ -81,11 +81,6 @@ def density(
         One of `MODELS`.
     clip : bool
         If True, the density is 0 where the series is negative, and normalised again; if False, it is negative there.
-
-    Returns
-    -------
-    ndarray
-        Density per unit of slope along both axes [1]; its integral is 1.
 
     Examples
     --------
@@ -109,7 +104,7 @@ def density(
 def gaussian(
     upwind: npt.ArrayLike, crosswind: npt.ArrayLike, variance_upwind: npt.ArrayLike, variance_crosswind: npt.ArrayLike
 ) -> Array:
-    """Gaussian probability density of slopes with given variances.
+    """Gaussian probability density of slopes with given variances, per unit of slope along both axes [1].
 
     Parameters
     ----------
@@ -117,11 +112,6 @@ def gaussian(
         Difference of the slope from its mean, along the two axes of the wind [1].
     variance_upwind, variance_crosswind : array_like
         Variances of slope along the two axes [1], above 0.
-
-    Returns
-    -------
-    ndarray
-        Density per unit of slope along both axes [1].
 
     Examples
     --------
@@ -200,7 +190,7 @@ def hidden(zenith: npt.ArrayLike, variance: npt.ArrayLike) -> Array:
 
 
 def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at: float = 12.5) -> Array:
-    """Convert a wind speed to another height, by the logarithmic profile for neutral stability.
+    """Convert a wind speed [m/s] to the height `wanted_at`, by the logarithmic profile for neutral stability.
 
         U(z) = U(10) [1 + sqrt(C) / 0.4 ln(z / 10)],  with the drag coefficient C = 1.3e-3 and the height z [m].
 
@@ -210,11 +200,6 @@ def wind_at_height(wind: npt.ArrayLike, *, measured_at: float = 10.0, wanted_at:
         Wind speed at the height `measured_at` [m/s], 0 to 100.
     measured_at, wanted_at : float
         Heights above the sea [m], 1 to 100.
-
-    Returns
-    -------
-    ndarray
-        Wind speed at the height `wanted_at` [m/s].
 
     Examples
     --------

@@ -29,7 +29,7 @@ def pierson_moskowitz_peak(*, wind_19_5: float) -> float:
 
 
 def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
-    """Pierson-Moskowitz spectrum of the fully developed sea.
+    """Pierson-Moskowitz spectrum of the fully developed sea: spectral density of height [m2/Hz].
 
     ``E(f) = 0.0081 g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4)``, with the peak frequency fp [Hz].
 
@@ -39,11 +39,6 @@ def pierson_moskowitz(frequency: Floats, *, wind_19_5: float) -> Floats:
         Frequency [Hz], positive.
     wind_19_5 : float
         Wind speed at a height of 19.5 m [m/s], about 1.026 times the wind speed at 10 m.
-
-    Returns
-    -------
-    ndarray
-        Spectral density of height [m2/Hz].
 
     References
     ----------
@@ -75,7 +70,7 @@ def developed_fetch(wind: float) -> float:
 
 
 def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
-    """JONSWAP spectrum of a fetch-limited sea.
+    """JONSWAP spectrum of a fetch-limited sea: spectral density of height [m2/Hz].
 
     ``E(f) = alpha g**2 (2 pi)**-4 f**-5 exp(-5/4 (f/fp)**-4) 3.3**exp(-((f/fp - 1)/s)**2 / 2)``,
     ``alpha = 0.076 (U10**2 / (F g))**0.22``, peak frequency ``fp = 3.5 (g**2 / (U10 F))**(1/3)`` Hz, and s = 0.07
@@ -89,11 +84,6 @@ def jonswap(frequency: Floats, *, wind: float, fetch: float) -> Floats:
         Wind speed U10 at a height of 10 m [m/s].
     fetch : float
         Fetch F [m], at most `developed_fetch`.
-
-    Returns
-    -------
-    ndarray
-        Spectral density of height [m2/Hz].
 
     References
     ----------
@@ -121,8 +111,9 @@ def elfouhaily_peak(wind: float) -> float:
 def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
     """Elfouhaily's unified spectrum of long and short waves of a fully developed sea.
 
-    ``S(k) = (B_l + B_h) / k**3``, where the curvature spectrum B_l of the long waves has the shape of JONSWAP, and the
-    curvature spectrum B_h of the short waves peaks at 370 rad/m.
+    The omnidirectional spectral density of height [m3] is ``S(k) = (B_l + B_h) / k**3``; its integral over k is the
+    variance of height. The curvature spectrum B_l of the long waves has the shape of JONSWAP, and the curvature
+    spectrum B_h of the short waves peaks at 370 rad/m.
 
     Parameters
     ----------
@@ -130,11 +121,6 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
         Wavenumber k [rad/m], positive.
     wind : float
         Wind speed at a height of 10 m [m/s].
-
-    Returns
-    -------
-    ndarray
-        Omnidirectional spectral density of height [m3]; its integral over k is the variance of height.
 
     Notes
     -----

@@ -33,10 +33,17 @@ class Position(NamedTuple):
 
 
 def position(
-    latitude: npt.ArrayLike, longitude: npt.ArrayLike, time: Any, *, pressure: float = 1013.25,
-    temperature: float = 15.0, refraction: bool = True,
-) -> Position:  # fmt: skip
+    latitude: npt.ArrayLike,
+    longitude: npt.ArrayLike,
+    time: Any,
+    *,
+    pressure: float = 1013.25,
+    temperature: float = 15.0,
+    refraction: bool = True,
+) -> Position:
     """Compute the position of the sun, accurate to about 0.001 degrees (Reda and Andreas 2004).
+
+    The zenith angle is above 90 where the sun is below the horizon.
 
     Parameters
     ----------
@@ -48,11 +55,6 @@ def position(
         Pressure [hPa] and temperature [degree Celsius] of the air, for refraction.
     refraction : bool
         If True, the zenith angle is the apparent one, with refraction by the air. If False, it is the geometric one.
-
-    Returns
-    -------
-    Position
-        The zenith angle is above 90 where the sun is below the horizon.
 
     Examples
     --------
@@ -141,12 +143,8 @@ def moment(time: Any) -> np.datetime64:
 @cache
 def _spa() -> Any:
     """Import the module pvlib.spa without the rest of pvlib, whose import takes a second; spa needs only numpy."""
-    package = find_spec("pvlib")
-    assert package is not None
-    assert package.origin is not None
-    found = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
-    assert found is not None
-    assert found.loader is not None
+    package: Any = find_spec("pvlib")
+    found: Any = spec_from_file_location("spa", Path(package.origin).with_name("spa.py"))
     module = module_from_spec(found)
     found.loader.exec_module(module)
     return module

@@ -34,31 +34,22 @@ class Surface:
     height_variance: float  # expected variance of height on this grid [m2]
     slope_variance: tuple[float, float]  # expected variance of upwind and crosswind slope on this grid [1]
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the grid."""
-        return self.amplitudes.shape[0], self.amplitudes.shape[1]
-
     def height(self, time: float = 0.0, *, workers: int = 1) -> Floats:
         """Height [m] at a time [s], (row, column) float32, row 0 in the north; computed on `workers` threads."""
-        return np.ascontiguousarray(self._field(time, False, workers).real)
+        return np.ascontiguousarray(self.field(time, slopes=False, workers=workers).real)
 
     def slopes(self, time: float = 0.0, *, workers: int = 1) -> tuple[Floats, Floats]:
         """Slopes to the east and north [1] at a time [s], (row, column) float32 each; computed on `workers` threads."""
-        packed = self.packed_slopes(time, workers=workers)
+        packed = self.field(time, slopes=True, workers=workers)
         return np.ascontiguousarray(packed.real), np.ascontiguousarray(packed.imag)
 
-    def packed_slopes(self, time: float = 0.0, *, workers: int = 1) -> Complex:
-        """East slope + i * north slope [1] at a time [s], (row, column) complex64; one FFT on `workers` threads."""
-        return self._field(time, True, workers)
-
-    def _field(self, time: float, slopes: bool, workers: int) -> Complex:
-        """Complex array (row, column) at a time [s]: east slope + i * north slope [1] if `slopes`, else height [m]."""
+    def field(self, time: float, *, slopes: bool, workers: int = 1) -> Complex:
+        """East slope + i * north slope [1] if `slopes`, else height [m], at a time [s]: (row, column) complex64."""
         from scipy import fft
 
         from ._surface_kernels import evolve
 
-        rows, columns = self.shape
+        rows, columns = self.amplitudes.shape
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
         out = np.empty_like(self.amplitudes)
         physics = SURFACE_TENSION, GRAVITY

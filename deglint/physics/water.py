@@ -89,9 +89,15 @@ def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
 
 
 def submerged_reflectance(
-    water: Iops, deep: npt.ArrayLike, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, *, depth: npt.ArrayLike,
-    reflectance: npt.ArrayLike, direct_fraction: npt.ArrayLike = 0.7,
-) -> Array:  # fmt: skip
+    water: Iops,
+    deep: npt.ArrayLike,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    *,
+    depth: npt.ArrayLike,
+    reflectance: npt.ArrayLike,
+    direct_fraction: npt.ArrayLike = 0.7,
+) -> Array:
     """Remote-sensing reflectance [1/sr] of the sea over a Lambertian object under water.
 
     With the reflectance R and the depth H of the object, the zenith angles s of the sun and v of the sensor in water,
@@ -133,9 +139,14 @@ def submerged_reflectance(
 
 
 def absorption_only_reflectance(
-    water: Iops, sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, *, depth: npt.ArrayLike,
-    reflectance: npt.ArrayLike, direct_fraction: npt.ArrayLike = 0.7,
-) -> Array:  # fmt: skip
+    water: Iops,
+    sun_zenith: npt.ArrayLike,
+    view_zenith: npt.ArrayLike,
+    *,
+    depth: npt.ArrayLike,
+    reflectance: npt.ArrayLike,
+    direct_fraction: npt.ArrayLike = 0.7,
+) -> Array:
     """Remote-sensing reflectance [1/sr] of a Lambertian object in water that absorbs but does not scatter.
 
         T_d T_u R / pi exp(-(1 / cos s + 1 / cos v) a H)

@@ -11,9 +11,10 @@ from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
 Image = npt.NDArray[np.uint8]  # (row, column, 3), the last axis red, green, blue
+Values = npt.NDArray[Any]  # one value for each viewing geometry, (zenith, azimuth)
 Colour = tuple[int, int, int]  # red, green, blue, 0 to 255
 Point = tuple[float, float]  # x to the right, y down, from the upper left corner [pixel]
-Pattern = tuple[npt.NDArray[Any], str, Colour]
+Pattern = tuple[Values, str, Colour]
 """An array (zenith, azimuth), the hatching ("/", "\\" or ".") to draw where it is above 0, and its colour."""
 
 INK: Colour = (25, 28, 34)
@@ -71,13 +72,12 @@ class Canvas:
         self._texts.append((at, text, size, colour, anchor, halo))
 
     def lines(
-        self, at: Point, texts: Sequence[str], size: float, step: float, colour: Colour = INK, *,
-        width: float | None = None, anchor: str = "la",
-    ) -> float:  # fmt: skip
+        self, at: Point, texts: Sequence[str], size: int, step: int, colour: Colour = INK, width: float | None = None
+    ) -> float:
         """Add lines of text `step` apart [pixel], wrapped to `width` [pixel] if given; return y below them [pixel]."""
         lines = texts if width is None else [line for text in texts for line in wrapped(text, size, width)]
         for k, line in enumerate(lines):
-            self.text((at[0], at[1] + k * step), line, size, colour, anchor=anchor)
+            self.text((at[0], at[1] + k * step), line, size, colour)
         return at[1] + len(lines) * step
 
     def finished(self) -> Image:
@@ -118,7 +118,7 @@ def azimuth_name(azimuth: int) -> str:
     return {0: "N", 90: "E", 180: "S", 270: "W"}.get(azimuth, f"{azimuth:03d}")
 
 
-def palette(share: npt.NDArray[Any]) -> Image:
+def palette(share: Values) -> Image:
     """Convert numbers 0 to 1 to colours (..., 3) of the colour map viridis, which suits colour-blind readers."""
     return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
@@ -129,7 +129,7 @@ def png(image: Image) -> bytes:
     return bytes(data)
 
 
-def disc(canvas: Canvas, centre: Point, radius: int, share: npt.NDArray[Any], patterns: Sequence[Pattern] = ()) -> None:
+def disc(canvas: Canvas, centre: Point, radius: int, share: Values, patterns: Sequence[Pattern] = ()) -> None:
     """Draw a polar map of viewing geometries, north up: zenith angle 0 is at `centre`, the largest at `radius` [pixel].
 
     `share` (zenith, azimuth) gives the colour, 0 to 1, in equal steps of zenith angle from 0 and of azimuth from 0 to
@@ -164,7 +164,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
     canvas.image[y : y + 18, x : x + 28] = cv2.resize(fine, (28, 18), interpolation=cv2.INTER_AREA)
 
 
-def _warped(values: npt.NDArray[Any], radius: int) -> npt.NDArray[np.float32]:
+def _warped(values: Values, radius: int) -> npt.NDArray[np.float32]:
     """Interpolate values (zenith, azimuth) linearly to the pixels of a disc with `_OVERSAMPLING` times `radius`."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))

@@ -103,15 +103,17 @@ class Mission(Checked):
     latitude: float | None = ranged(None, -90, 90, "degrees", "North is positive.", file="place.latitude")
     longitude: float | None = ranged(None, -180, 360, "degrees", "East is positive.", file="place.longitude")
     time: Any = field(default=None, metadata={"file": "place.time"})
-    sun_zenith: float | None = ranged(None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.",
-                                      file="sun.zenith")  # fmt: skip
+    sun_zenith: float | None = ranged(
+        None, 0, SUN_LIMIT, "degrees", "The sun is down; choose another time.", file="sun.zenith"
+    )
     sun_azimuth: float | None = ranged(None, -360, 360, "degrees", "Give an azimuth from north.", file="sun.azimuth")
     wind: float = field(default=5.0, metadata={"file": "wind.speed"})
     wind_from: float = ranged(0.0, -360, 360, "degrees", "Give where it blows from, from north.", file="wind.from")
     wind_height: float = ranged(10.0, 1, 100, "m", "Give the height of the mast.", file="wind.height")
     air: Air | None = None
-    chlorophyll: float = ranged(0.5, 0.01, 30, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.",
-                                file="water.chlorophyll")  # fmt: skip
+    chlorophyll: float = ranged(
+        0.5, 0.01, 30, "mg m-3", "0.5 is usual on a shelf, 0.05 offshore.", file="water.chlorophyll"
+    )
     depth: float = ranged(5.0, 0, 1000, "m", "Give metres below the surface, positive down.", file="object.depth")
     reflectance: float = ranged(0.15, 0, 1, "", "Give a share, not per cent.", file="object.reflectance")
     sensor: Sensor = field(default_factory=lambda: preset("thesis"))
@@ -232,11 +234,13 @@ Tables = Mapping[str, Mapping[str, Any]]  # table: {key: value}
 
 # (table, key) of a mission file: field of `Mission`
 _FIELDS = {tuple(f.metadata["file"].split(".")): f.name for f in fields(Mission) if "file" in f.metadata}
-_KEYS: dict[str, tuple[str, ...]] = {  # further keys of each table
-    "place": (), "sun": (), "wind": ("mean",), "air": tuple(f.name for f in fields(Air) if "wind" not in f.name),
-    "water": (), "object": (), "sensor": ("preset", "bands", "band", *(f.name for f in fields(Sensor))),
-    "limits": tuple(f.name for f in fields(Limits)), "view": (), "models": (),
-}  # fmt: skip
+_TABLES = ("place", "sun", "wind", "air", "water", "object", "sensor", "limits", "view", "models")
+_KEYS: dict[str, tuple[str, ...]] = {  # further keys of some tables
+    "wind": ("mean",),
+    "air": tuple(f.name for f in fields(Air) if "wind" not in f.name),
+    "sensor": ("preset", "bands", "band", *(f.name for f in fields(Sensor))),
+    "limits": tuple(f.name for f in fields(Limits)),
+}
 # keys whose values are no numbers
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
 # pressure of one unit [hPa]
@@ -254,10 +258,10 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
     read: dict[str, dict[str, Any]] = {}
     for table, values in tables.items():
         known = "view" if table == "look" else table  # [look] is the old name of [view]
-        if known not in _KEYS:
-            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _KEYS)}.")
+        if known not in _TABLES:
+            raise InputError(f"{name} has no table [{table}]; it knows {', '.join(f'[{t}]' for t in _TABLES)}.")
         keys = [key for other, key in _FIELDS if other == known]
-        read[known] = _read(table, values, (*keys, *_KEYS[known]), name)
+        read[known] = _read(table, values, (*keys, *_KEYS.get(known, ())), name)
     given = {own: read[table][key] for (table, key), own in _FIELDS.items() if key in read.get(table, {})}
     if isinstance(given.get("time"), date) and not isinstance(given["time"], datetime):
         raise InputError(f"{name}: time in [place] is a date without an hour. Write 2026-06-21T18:00:00Z.")
@@ -274,7 +278,7 @@ def mission_from(tables: Tables, name: str = "the mission") -> Mission:
 
 def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
     """Convert a mission, with its defaults, to tables {table: {key: value}} that `mission_from` can read."""
-    out: dict[str, dict[str, Any]] = {table: {} for table in _KEYS}
+    out: dict[str, dict[str, Any]] = {table: {} for table in _TABLES}
     for (table, key), own in _FIELDS.items():
         out[table][key] = getattr(mission, own)
     out["place"]["time"] = None if mission.moment is None else f"{mission.moment}Z"

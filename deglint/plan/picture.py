@@ -1,10 +1,9 @@
 """Draw a plan as a disc: the object is at the centre, and each point of the disc is a viewing geometry."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from . import draw
 from .draw import BLUE, GREY, INK, MAGENTA, ORANGE, PALE, PAPER, YELLOW, Canvas, Image, Pattern, Point, around, polar
@@ -13,6 +12,7 @@ from .reticle import Reticle, ViewingGeometry, best_geometry, compass, quality, 
 
 WIDTH, HEIGHT = 1240, 860  # size of the picture [pixel]
 DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of the disc [pixel]
+LABELLED = 200  # least radius of a disc with a compass rose and labels of the rings [pixel]
 _LEFT = 860  # left edge of the text beside the disc [pixel]
 _COLUMN = WIDTH - _LEFT - 34  # width of the text [pixel]
 _MOST_ROWS = 12  # bands in the table; the legend needs the space below it
@@ -52,9 +52,8 @@ class Caption(NamedTuple):
 
 
 def page(
-    plan: Reticle, share: npt.NDArray[Any], patterns: Sequence[Pattern], geometry: ViewingGeometry | None,
-    words: Caption,
-) -> Image:  # fmt: skip
+    plan: Reticle, share: draw.Values, patterns: Sequence[Pattern], geometry: ViewingGeometry | None, words: Caption
+) -> Image:
     """Draw a disc of viewing geometries with the text `words` beside it, and mark `geometry` as the best one.
 
     `share` (zenith, azimuth) gives the colour, 0 to 1, and `patterns` the hatchings, as in `draw.disc`.
@@ -72,7 +71,7 @@ def page(
     return canvas.finished()
 
 
-def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], list[Pattern]]:
+def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pattern]]:
     """Contrast over noise (zenith, azimuth) of `band` or all; hatchings: faint or saturated, sky glint, sun glint."""
     # arrays of hatchings are smooth, and above 0 where hatched: `draw.disc` interpolates them to draw smooth edges
     limits = plan.mission.limits
@@ -95,12 +94,11 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[npt.NDArray[Any], li
 
 
 def sky_disc(
-    canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: npt.NDArray[Any],
-    patterns: Sequence[Pattern] = (), *, small: bool = False,
-) -> None:  # fmt: skip
-    """Draw a disc as in `draw.disc`, with rings of equal zenith angle, the sun and, unless `small`, a compass rose."""
+    canvas: Canvas, centre: Point, radius: int, plan: Reticle, share: draw.Values, patterns: Sequence[Pattern] = ()
+) -> None:
+    """Draw a disc as in `draw.disc`, with rings of equal zenith angle, the sun and, unless small, a compass rose."""
     draw.disc(canvas, centre, radius, share, patterns)
-    widest = plan.mission.widest
+    widest, small = plan.mission.widest, radius < LABELLED
     every = 20 if widest > 40 else 10
     for ring in np.arange(every, widest + 0.1, every):
         canvas.circle(centre, radius * ring / widest, INK if ring == widest else GREY, 1)
@@ -232,7 +230,10 @@ def _legend(canvas: Canvas, words: Caption, y: float) -> None:
         y = row + 44
     for pattern, colour, text in words.legend:
         draw.swatch(canvas, _LEFT, y, pattern, colour)
-        y = canvas.lines((_LEFT + 38, y + 9), [text], 13, 18, width=WIDTH - _LEFT - 56, anchor="lm") - 2
+        for line in draw.wrapped(text, 13, WIDTH - _LEFT - 56):
+            canvas.text((_LEFT + 38, y + 9), line, 13, anchor="lm")
+            y += 18
+        y += 7
     canvas.lines((_LEFT, y + 8), [_HOW], 13, 18, GREY, width=_COLUMN)
 
 

@@ -22,11 +22,9 @@ from .skylight import Skylight
 
 Mask = npt.NDArray[np.bool_]
 MARGIN = 3.0  # least angle between the best viewing geometry and any excluded one, where possible [degree]
-_POINTS = (  # points of the compass, clockwise from north
-    "north", "north-north-east", "north-east", "east-north-east", "east", "east-south-east", "south-east",
-    "south-south-east", "south", "south-south-west", "south-west", "west-south-west", "west", "west-north-west",
-    "north-west", "north-north-west",
-)  # fmt: skip
+# points of the compass, clockwise from north
+_POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+_CARDINAL = {"N": "north", "E": "east", "S": "south", "W": "west"}
 _AROUND = 16  # number of points at `MARGIN` around a viewing geometry that must not be excluded
 
 
@@ -293,7 +291,7 @@ def compass(azimuth: float) -> str:
     >>> compass(225.0)
     'south-west'
     """
-    return _POINTS[round(azimuth / 22.5) % 16]
+    return "-".join(_CARDINAL[letter] for letter in _POINTS[round(azimuth / 22.5) % 16])
 
 
 @lru_cache(maxsize=4)

@@ -26,8 +26,8 @@ from .picture import DISC_CENTRE, DISC_RADIUS, HEIGHT, WIDTH, picture
 from .reticle import best_geometry, description, reticle
 
 ADDRESS = "127.0.0.1"  # the loopback address
-SLIDERS = ("latitude", "longitude", "sun_zenith", "sun_azimuth", "wind", "wind_from", "depth", "reflectance",
-           "chlorophyll")  # fmt: skip
+_PLACE_OR_SUN = ("latitude", "longitude", "sun_zenith", "sun_azimuth")
+SLIDERS = (*_PLACE_OR_SUN, "wind", "wind_from", "depth", "reflectance", "chlorophyll")
 """Fields of `Mission` with a slider; the page also changes visibility, the limit of glint, time, sensor and band."""
 _POLICY = (  # the page may load nothing but plans from this server
     "default-src 'none'; img-src data:; connect-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline';"
@@ -106,14 +106,10 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: HTTPStatus, kind: str, text: str) -> None:
         body = text.encode()
         self.send_response(status)
-        headers = {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            "Cache-Control": "no-store",
-            "Content-Security-Policy": _POLICY,
-        }
-        for name, value in headers.items():
-            self.send_header(name, value)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", _POLICY)
         self.end_headers()
         self.wfile.write(body)
 

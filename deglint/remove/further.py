@@ -69,10 +69,8 @@ def _harmless(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int,
     fine_of_less, left_of_less, moved = every[..., np.concatenate(less_glint)].var(axis=-1).T
     unit = np.maximum(fine, np.finfo(np.float64).tiny)
     removed = max(np.sum((fine - left) / unit), np.sum((fine_of_less - left_of_less) / unit))
-    planes = [
-        [np.where(m, t.block[b], 0).astype(np.float32) for t, m in zip(tiles, inside, strict=True)] for b in shorter
-    ]
-    limit = [(MOST_MOVED * noise(p, inside)) ** 2 for p in planes]
+    water = [np.where(m, t.block, 0).astype(np.float32) for t, m in zip(tiles, inside, strict=True)]
+    limit = [(MOST_MOVED * noise([block[b] for block in water], inside)) ** 2 for b in shorter]
     return bool(np.sum(moved / unit) <= removed and (moved <= limit).all())
 
 

@@ -73,9 +73,15 @@ class LagGrams(NamedTuple):
 
 
 def gather(
-    references: Sequence[FloatArray], bands: Sequence[FloatArray], sample: Mask, *, sides: Sequence[int], size: int,
-    origin: tuple[int, int] = (0, 0), weight: FloatArray | None = None,
-) -> LagGrams:  # fmt: skip
+    references: Sequence[FloatArray],
+    bands: Sequence[FloatArray],
+    sample: Mask,
+    *,
+    sides: Sequence[int],
+    size: int,
+    origin: tuple[int, int] = (0, 0),
+    weight: FloatArray | None = None,
+) -> LagGrams:
     """Compute the Gram matrix of each square of `CELL` x `CELL` pixels of a tile, with the variables of `LagGrams`.
 
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict

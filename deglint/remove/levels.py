@@ -105,16 +105,12 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
     other causes, noise or reflected sky, which contribute as much above the median. The share is 2 L / (L + U), with L
     and U the mean square distance from the median in the lower and in the upper half. If L > U, the share is above 1.
 
-    Raises FitError if there are no values.
-
     Examples
     --------
     >>> noise = np.random.default_rng(0).standard_normal(100_000)
     >>> round(even_share(noise), 1), round(even_share(np.exp(2 * noise)), 1)
     (1.0, 0.0)
     """
-    if sample.size == 0:
-        raise FitError("the spread of no values was asked for; the sample is empty.")
     values = np.sort(sample.astype(np.float64))
     middle, step, half = float(np.quantile(values, 0.5)), _step(values), (values.size + 1) // 2
     if step > 0:  # interpolated within its step

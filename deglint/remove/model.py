@@ -149,11 +149,9 @@ class GlintModel:
         try:
             data = json.loads(text)
             if data["kind"] != "deglint model" or data["format"] != FORMAT:
-                raise InputError(f"saved model has format {data['format']!r}, this version reads {FORMAT}.")
+                raise ValueError(f"its format is {data['format']!r}, this version reads {FORMAT}")
             return _checked(from_plain(cls, data))
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
-            if isinstance(error, InputError):
-                raise
             raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:

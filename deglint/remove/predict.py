@@ -11,7 +11,7 @@ import numpy as np
 
 from ..checks import check_kind
 from ..errors import InputError
-from ..moments import Mask
+from ..moments import Crop, Mask
 from ..scene import FloatArray
 from .kernels import KERNEL_REACH
 from .model import GlintIndex, GlintModel
@@ -64,9 +64,8 @@ def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
 
 
 def glint(
-    block: FloatArray, model: GlintModel, water: Mask, origin: tuple[int, int] = (0, 0),
-    crop: tuple[int, int, int, int] = (0, 0, 0, 0),
-) -> tuple[dict[int, FloatArray], Mask | None]:  # fmt: skip
+    block: FloatArray, model: GlintModel, water: Mask, origin: tuple[int, int] = (0, 0), crop: Crop = (0, 0, 0, 0)
+) -> tuple[dict[int, FloatArray], Mask | None]:
     """Predict the glint in each band that a kernel model corrects.
 
     block : (band, row, column), physical values, NaN where not valid; a tile needs a halo of `model.halo` pixels
@@ -81,17 +80,18 @@ def glint(
     height, width = water.shape
     inner = slice(crop[0], height - crop[1]), slice(crop[2], width - crop[3])
     # the kernels need less of the halo than the rules of the references
-    top, bottom, left, right = (max(side - KERNEL_REACH, 0) for side in crop)
-    rest = [min(side, KERNEL_REACH) for side in crop]
+    near = tuple(slice(max(s.start - KERNEL_REACH, 0), s.stop + KERNEL_REACH) for s in inner)
+    rest = tuple(slice(s.start - n.start, s.stop - n.start) for s, n in zip(inner, near, strict=True))
+    places = origin[0] + near[0].start, origin[1] + near[1].start
     references, exceeds = {}, None
     for rule in model.references:
         cleaned, over = clean(block[rule.band], water, rule)
-        references[rule.band] = cleaned[top : height - bottom, left : width - right]
+        references[rule.band] = cleaned[near]
         if over is not None:
             exceeds = over[inner] if exceeds is None else exceeds | over[inner]
     out = {}
-    for fit, found in zip(model.fits, predictions(references, model, (origin[0] + top, origin[1] + left)), strict=True):
-        above = found[rest[0] : found.shape[0] - rest[1], rest[2] : found.shape[1] - rest[3]]
+    for fit, found in zip(model.fits, predictions(references, model, places), strict=True):
+        above = found[rest]
         above -= above.dtype.type(model.indexes[fit.index].level)
         above *= above.dtype.type(fit.slope)
         if fit.floor is not None:

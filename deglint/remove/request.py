@@ -75,9 +75,12 @@ def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SampleP
 
 
 def linear_model(
-    method: str, request: FitRequest, levels: Sequence[float], stats: SampleStatistics | None = None,
+    method: str,
+    request: FitRequest,
+    levels: Sequence[float],
+    stats: SampleStatistics | None = None,
     slopes: Float64 | None = None,
-) -> GlintModel:  # fmt: skip
+) -> GlintModel:
     """Make the model of a method from the glint-free level of each index, `levels`, and the slopes, (band, index).
 
     If `slopes` is None, the regression that the request names determines the slopes and their standard errors from the

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FitError
-from ..moments import CellMoments, Float64, Mask, Moments, cell_moments, thinned
+from ..moments import CellMoments, Crop, Float64, Mask, Moments, cell_moments, thinned
 from ..scene import FloatArray
 from .detrend import detrend
 from .model import GlintIndex
@@ -95,9 +95,8 @@ class SampleStatistics:
 
 
 def gather(
-    block: FloatArray, mask: Mask, plan: SamplePlan, *, origin: tuple[int, int] = (0, 0),
-    crop: tuple[int, int, int, int] = (0, 0, 0, 0),
-) -> SampleStatistics:  # fmt: skip
+    block: FloatArray, mask: Mask, plan: SamplePlan, *, origin: tuple[int, int] = (0, 0), crop: Crop = (0, 0, 0, 0)
+) -> SampleStatistics:
     """Statistics of the sample's pixels in one tile.
 
     block : (band, row, column), values of the tile with its halo in the bands `plan.read_bands`, NaN where not valid

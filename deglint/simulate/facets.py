@@ -67,7 +67,7 @@ class Facets:
         """
         from ._kernels import reflect
 
-        packed = self.surface.packed_slopes(time, workers=workers)
+        packed = self.surface.field(time, slopes=True, workers=workers)
         out = np.empty(packed.shape, np.float32), np.empty(packed.shape, np.float32)
         azimuth = np.radians(self.setup.wind_from)
         wind = (float(np.sin(azimuth)), float(np.cos(azimuth)), *self.slope_scale)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -134,9 +135,13 @@ def square(right: float, down: float, side: float, *, reflectance: float, depth:
 
 
 def thesis_array(
-    size: tuple[int, int], gsd: float, *, reflectances: Sequence[float] = (0.02, 0.05, 0.10, 0.20),
-    sides: Sequence[float] | None = None, depth: float = 5.0,
-) -> tuple[SubmergedObject, ...]:  # fmt: skip
+    size: tuple[int, int],
+    gsd: float,
+    *,
+    reflectances: Sequence[float] = (0.02, 0.05, 0.10, 0.20),
+    sides: Sequence[float] | None = None,
+    depth: float = 5.0,
+) -> tuple[SubmergedObject, ...]:
     """Make squares of several reflectances and sizes, row by row, on the right half of a scene; the left half is empty.
 
     Parameters
@@ -161,11 +166,11 @@ def thesis_array(
         sides = [s for s in (2, 4, 8, 16) if s <= 0.8 * min(across, rows / 4)] or [2]
     count = max(len(sides), rows // 64)
     down = rows / count
-    return tuple(
-        square((columns / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd, sides[i % len(sides)] * gsd,
-               reflectance=reflectance, depth=depth)
-        for i in range(count) for j, reflectance in enumerate(reflectances)
-    )  # fmt: skip
+    out = []
+    for i, (j, reflectance) in product(range(count), enumerate(reflectances)):
+        place = (columns / 2 + (j + 0.5) * across) * gsd, (i + 0.5) * down * gsd
+        out.append(square(*place, sides[i % len(sides)] * gsd, reflectance=reflectance, depth=depth))
+    return tuple(out)
 
 
 def label(objects: Sequence[SubmergedObject], shape: tuple[int, int], spacing: float) -> npt.NDArray[np.integer[Any]]:
