@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,13 @@ from deglint.readers.text import read_json, read_text
 from deglint.scene import Scene
 from deglint.tiles import Tile
 
-from .. import sea
 from ..arrays import Array, Mask, Uint8
 from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
-from ..sea import SeaModel, SeaRule
+from ..sea.model import LEAST_WATER, SeaModel
+from ..sea.model import fit as fit_sea
+from ..sea.region import WATER, SeaRule, region
 from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]
@@ -63,6 +64,7 @@ class Plan:
     water: Water | None  # rule that finds the water to score, in place of `mask`; both None: score everywhere
     area: Area | None
     given: Background | None
+    pixel_area: float | None  # [m2]; None where it is not known
     notes: tuple[str, ...]  # reasons of decisions, for the user
     window: WindowRule | None = None  # for "local"
     sea: SeaRule | None = None  # for "sea"
@@ -89,11 +91,6 @@ class Plan:
     def halo(self) -> int:
         """Width of the margin around a tile that is read to score it [pixel], without that of the rule in `water`."""
         return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
-
-    @cached_property
-    def pixel_area(self) -> float | None:
-        """Area of a pixel [m2]; None where it is not known."""
-        return _pixel_area(self.scene)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,6 +130,8 @@ def make_plan(
     if sea_mask is not None:
         notes.append(sea_mask[0].reason)
     size = (scene.height, scene.width)
+    # from georeferencing, the tag GSD_M, or the sensor
+    pixel_area = ground_area(scene.transform, scene.crs, *size) or (pixel_size(scene) or 0) ** 2 or None
     shape, own = tiling.tile_shape(*size, len(bands), block_of(scene)), dict[str, Any]()
     if recipe.method == "local":
         rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
@@ -143,20 +142,15 @@ def make_plan(
         own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
-        if (area_known := _pixel_area(scene)) is None and recipe.false_per_km2 is not None:
+        if pixel_area is None and recipe.false_per_km2 is not None:
             raise InputError(f"false-per-km2 needs the size of a pixel, and {scene.path} has no CRS. Give --pfa.")
-        side = math.sqrt(area_known or UNKNOWN_PIXEL**2)
-        own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
+        rule = SeaRule(math.sqrt(pixel_area or UNKNOWN_PIXEL**2), *recipe.largest_object)
+        own = {"sea": rule, "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
-    at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, tiling.tiles(*size, shape), shape, at_once, mask, sea_mask, area, given,
-                tuple(notes), **own)  # fmt: skip
-
-
-def _pixel_area(scene: Scene) -> float | None:
-    """Area of a pixel [m2]: from georeferencing, the tag GSD_M, or the sensor; None if unknown."""
-    return ground_area(scene.transform, scene.crs, scene.height, scene.width) or (pixel_size(scene) or 0) ** 2 or None
+    cells, at_once = tiling.tiles(*size, shape), tiling.affordable(threads, shape, 2 * len(bands))
+    said = tuple(notes)
+    return Plan(scene, recipe, bands, nir, cells, shape, at_once, mask, sea_mask, area, given, pixel_area, said, **own)
 
 
 def _chosen(
@@ -242,7 +236,7 @@ def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     reasons = (
         (single, "it compares all pixels with one background"),
         (bands > _MANY, f"{bands} bands tell targets by their spectrum"),
-        (pixels < sea.LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
+        (pixels < LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
     )
     return "rx", next((why for holds, why in reasons if holds), "")
 
@@ -303,7 +297,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
-        count = int(np.count_nonzero(classes == sea.WATER))
+        count = int(np.count_nonzero(classes == WATER))
         if not count:
             continue
         blocks.append((block, classes))
@@ -315,7 +309,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
     pixel = rule.pixel if plan.pixel_area else None
-    return sea.fit(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
+    return fit_sea(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
@@ -325,4 +319,4 @@ def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
     water = valid if mask is None else np.logical_and(mask, valid)
-    return block, sea.region(water, rule, valid), nir
+    return block, region(water, rule, valid), nir

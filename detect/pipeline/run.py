@@ -30,9 +30,10 @@ from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.timing import Reporter
 
-from .. import sea
 from ..background import Background
 from ..local import STATES
+from ..sea.model import SEA_WINDOW
+from ..sea.region import ALONGSIDE, ATTACHED
 from ..threshold import Tail, Threshold
 from .features import motions
 from .mark import CANDIDATES, Marker, Places, joined
@@ -80,9 +81,15 @@ class Result:
 
 @checked_keywords(*READING, *FILES, "overwrite", "options")
 def score_file(
-    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
-    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None, **options: Any,
-) -> Result:  # fmt: skip
+    source: str | Path | Sequence[str | Path],
+    image: str | Path,
+    recipe: Recipe | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    cluster: Cluster | None = None,
+    **options: Any,
+) -> Result:
     """Score how anomalous every pixel of a raster file is.
 
     Parameters
@@ -137,9 +144,14 @@ def score_file(
 
 
 def _run(
-    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress,
+    scene: Scene,
+    checksum: Checksum,
+    recipe: Recipe,
+    targets: Outputs,
+    threads: int,
+    progress: Progress,
     cluster: Cluster | None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Do all steps of `score_file` for an open scene: fit, score, mark objects, and write the files `targets`."""
     begun = time.perf_counter()
     log_scene(scene)
@@ -190,7 +202,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return pixel counts, highest scores, and pixels of `sea.ALONGSIDE`, `sea.ATTACHED`."""
+    """Score and write all tiles; return pixel counts, highest scores, and pixels of `ALONGSIDE`, `ATTACHED`."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
@@ -206,7 +218,7 @@ def _write_tiles(
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
-    attached = {which: joined([each[which] for each in beside]) for which in (sea.ALONGSIDE, sea.ATTACHED)}
+    attached = {which: joined([each[which] for each in beside]) for which in (ALONGSIDE, ATTACHED)}
     return tally, Tail.merge(tails) if tails else None, attached
 
 
@@ -262,7 +274,7 @@ def _notes_on(plan: Plan) -> list[str]:
         what = "brighter or darker" if plan.model.side == "both" else "brighter"
         even = ", relative to water of the same NIR" if plan.model.glint else ""
         notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
-        notes.append(f"sea: searched for what is {what} than the water within {sea.SEA_WINDOW} pixels{even}")
+        notes.append(f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{even}")
     if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""

@@ -122,9 +122,12 @@ class SeaModel:
 
 
 def fit(
-    blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
+    blocks: Sequence[tuple[Array, Classes]],
+    *,
+    pixel: float | None = None,
+    side: str | None = None,
     nir: Sequence[Array] = (),
-) -> SeaModel:  # fmt: skip
+) -> SeaModel:
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
@@ -142,10 +145,8 @@ def fit(
     if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
-    model = SeaModel(
-        centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
-        np.ones(len(scales)), 1.0, scales, side=side,
-    )  # fmt: skip
+    flat, whiteners = np.ones(len(scales)), (np.eye(bands),) * len(scales)
+    model = SeaModel(centre, spread, np.ones((len(scales), bands)), whiteners, 0 * flat, flat, 1.0, scales, side)
     parts = [_Block(block, classes, model) for block, classes in blocks]
     used = [part.dim for part in parts]
     model = _learn(parts, used, water, model)

@@ -151,9 +151,8 @@ class Rated(NamedTuple):
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
     """Rate objects afloat, in order of descending `score_top`; `strata` kinds of objects share the false-alarm rate."""
     found = sorted(found, key=lambda o: -o.score_top)
-    rates = np.array([
-        clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1) for o in found
-    ])  # fmt: skip
+    sizes = [o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1 for o in found]
+    rates = np.array([clutter.false_per_km2(o.score_top, size) for o, size in zip(found, sizes, strict=True)])
     # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
     # doi:10.1111/1467-9868.00346)
     false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
@@ -187,9 +186,13 @@ class Search:
 
 
 def score_scene(
-    image: npt.ArrayLike, water: npt.ArrayLike | None = None, *, pixel: float = 10.0, pfa: float = 1e-4,
+    image: npt.ArrayLike,
+    water: npt.ArrayLike | None = None,
+    *,
+    pixel: float = 10.0,
+    pfa: float = 1e-4,
     side: str | None = None,
-) -> Search:  # fmt: skip
+) -> Search:
     """Search the sea in an image for ships, boats and swimmers.
 
     Parameters
@@ -240,8 +243,7 @@ def score_scene(
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
     found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=pixel * pixel)
     records = [
-        {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
-         "column": o.centroid[1], "false_per_km2": rate}
+        {"label": o.label, "score": o.score_max} | o.measures | {"false_per_km2": rate}
         for o, _kind, rate, _real in sorted(rated_objects(found, clutter), key=lambda r: r.found.label)
-    ]  # fmt: skip
+    ]
     return Search(scores, classes, records, threshold, clutter, model)
