@@ -251,10 +251,8 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
-    numbers = {
-        "start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k), "scale": scale,
-        "kolmogorov": distance,
-    }  # fmt: skip
+    numbers = {"start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k)}
+    numbers |= {"scale": scale, "kolmogorov": distance}
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
     return found.measured(tail.above(value), tail.n)
 

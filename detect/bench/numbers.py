@@ -14,10 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from deglint import __version__
+
 from ..arrays import Array
 
-PACKAGES = ("deglint", "numpy", "scipy", "numba", "rasterio", "opencv-contrib-python-headless", "scikit-learn",
-            "spectral")  # fmt: skip
+PACKAGES = ("numpy", "scipy", "numba", "rasterio", "opencv-contrib-python-headless", "scikit-learn", "spectral")
 VISIBLE_BANDS = 5  # COASTAL to RED: the bands whose error counts
 
 Better = Literal["lower", "higher"]
@@ -91,10 +92,9 @@ def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: f
     """Versions, machine and options of a run, which took `seconds` [s]; `load` is the load average at its start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
-    return {
-        "command": command, "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), "quick": quick, "seeds": seeds,
-        "seconds": round(seconds, 1), "machine": now, "busy": busy, "versions": versions(),
-    }  # fmt: skip
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    made = {"command": command, "date": date, "quick": quick, "seeds": seeds, "seconds": round(seconds, 1)}
+    return made | {"machine": now, "busy": busy, "versions": versions()}
 
 
 def machine() -> dict[str, Any]:
@@ -109,7 +109,7 @@ def machine() -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of those `PACKAGES` that are installed, by name."""
-    out = {"deglint": "", "python": platform.python_version()}
+    out = {"deglint": __version__, "python": platform.python_version()}
     for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
             out[name] = metadata.version(name)

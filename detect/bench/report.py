@@ -57,8 +57,9 @@ def against_wind(results: Results) -> Figure:
         for name in (RAW, *results.used, LIMIT):
             found = [results.error((wind, delay), name) for wind in effort.winds]
             spread = [[max(n.value - n.low, 0) for n in found], [max(n.high - n.value, 0) for n in found]]
-            ax.errorbar(effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name,
-                        **_style(name))  # fmt: skip
+            ax.errorbar(
+                effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name, **_style(name)
+            )
         ax.set(yscale="log", xlabel="wind [m/s]", title=f"{1000 * delay:g} ms between bands")
     return _with_legend(figure, panels[0])
 
@@ -73,8 +74,8 @@ def time_against_error(results: Results) -> Figure:
         for name, error in errors.items():
             beaten = any(times[n] < times[name] and errors[n] < error for n in results.used)
             ax.plot(times[name], error, "o", label=name, fillstyle="none" if beaten else "full", **_style(name))
-        ax.set(xscale="log", yscale="log", xlabel="processor time of fit and apply [ms]",
-               title=f"{named((wind, delay))} between bands")  # fmt: skip
+        ax.set(xscale="log", yscale="log")
+        ax.set(xlabel="processor time of fit and apply [ms]", title=f"{named((wind, delay))} between bands")
     return _with_legend(figure, panels[0])
 
 

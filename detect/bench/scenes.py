@@ -88,5 +88,6 @@ def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int
         for s in sensors
     ]
     made = enumerate(simulate_together(setups))
-    return [TrueScene(one, write_scene(one, directory / f"scene-{n}", overwrite=True, truth=False)[0])
-            for n, one in made]  # fmt: skip
+    return [
+        TrueScene(one, write_scene(one, directory / f"scene-{n}", overwrite=True, truth=False)[0]) for n, one in made
+    ]
