@@ -74,16 +74,9 @@ class WindowRule:
         return self.outer * self.outer - self.inner * self.inner
 
 
-@checked_keywords("border", "ddof", "ridge")
+@checked_keywords("border", "ddof", "ridge", "threads")
 def local_rx(
-    image: Array,
-    *,
-    inner: int,
-    outer: int,
-    mask: Mask | None = None,
-    flags: Uint8 | None = None,
-    threads: int = 1,
-    **options: Any,
+    image: Array, *, inner: int, outer: int, mask: Mask | None = None, flags: Uint8 | None = None, **options: Any
 ) -> Scores:
     """Local RX with a dual window: squared Mahalanobis distance of every pixel from the ring of pixels around it.
 
@@ -97,13 +90,12 @@ def local_rx(
         True where a pixel is used. The other pixels are in no ring, and their score is NaN.
     flags : (row, column) uint8 ndarray, optional
         Output array. It is filled with 0 for an ordinary score or an invalid pixel, or with a key of `STATES`.
-    threads : int
-        Number of threads. The result does not depend on it.
     **options
         border: for windows that extend beyond the image, "shrink" (default) ignores the part outside, "mirror" mirrors
         the image at its edge, and "shift" moves window and guard inside, each by the smallest distance. ddof: the
         divisor of the covariance is the number of pixels minus ddof (default 1; most publications use 0). ridge:
-        fraction of each band's variance that is added to it (default 0).
+        fraction of each band's variance that is added to it (default 0). threads: number of threads (default 1); the
+        result does not depend on it.
 
     Returns
     -------
@@ -127,6 +119,7 @@ def local_rx(
     image = as_image(image)
     mask = as_mask(mask, image)
     size = (image.shape[1], image.shape[2])
+    threads = options.pop("threads", 1)
     rule = WindowRule(inner, outer, size, **options)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")

@@ -188,9 +188,7 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
             "pixels, to which a tail (gpd) can be fitted."  # rounding to two digits takes up to 5 %
         )
     if allowed >= len(tail.values):
-        raise InputError(
-            f"pfa: {pfa:g} of {tail.n} scores is {allowed}, and the tail keeps {len(tail.values)}. Keep more of it."
-        )
+        raise InputError(f"pfa: {pfa:g} of {tail.n} scores is {allowed}, the tail keeps {len(tail.values)}. Keep more.")
     value = float(tail.values[allowed])
     notes = () if allowed >= _ENOUGH else (f"only {allowed} scores lie above the threshold: it is uncertain",)
     return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)

@@ -80,12 +80,8 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON, with None for NaN."""
-    from deglint.raster.output import plain
-
-    values = {name: asdict(number) for name, number in numbers.items()}
-    out: dict[str, Any] = plain({"made": made, "numbers": values, "refused": refused})
-    return out
+    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON."""
+    return {"made": made, "numbers": {name: asdict(number) for name, number in numbers.items()}, "refused": refused}
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:

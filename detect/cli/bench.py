@@ -31,9 +31,7 @@ log = logging.getLogger(__name__)
     "--seeds", type=click.IntRange(1, 1000), metavar="N", help="Scenes of each condition. [default: 5; with --quick 2]"
 )
 @options.heading("Output")
-@click.option(
-    "--json", "json_file", type=options.FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]"
-)
+@click.option("--json", type=options.FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @options.messages
 def bench(out: str, **given: Any) -> None:
@@ -53,7 +51,7 @@ def bench(out: str, **given: Any) -> None:
     from ..report.page import check_installed
 
     check_installed("rxdetect bench")
-    targets = Path(out), Path(given["json_file"] or f"{out}.json")
+    targets = Path(out), Path(given["json"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
     for name in given["only"]:

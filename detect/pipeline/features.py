@@ -52,9 +52,7 @@ def to_wgs84(scene: Scene) -> Move | None:
         except gdal_errors(ValueError):
             places = np.array([[math.inf]])
         if not np.isfinite(places).all():
-            raise InputError(
-                f"objects of {scene.path} lie outside the projection of its CRS. Leave them out by --mask."
-            )
+            raise InputError(f"objects of {scene.path} lie outside the projection of its CRS. Leave them out: --mask.")
         return [(x, y) for x, y in places.T.tolist()]
 
     try:

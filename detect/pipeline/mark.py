@@ -13,7 +13,6 @@ from deglint.tiles import LONGEST_SIDE, tiles
 
 from ..arrays import Array, Int64
 from ..objects import Object, find_among, to_geojson
-from ..sea.model import SeaModel
 from ..sea.region import ALONGSIDE, likeness, rectangle
 from ..sea.search import LOW, Clutter, Rated, clutter_of, rated_objects
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
@@ -30,8 +29,7 @@ its rank may be false, and even if none is known to be false, there may be up to
 
 def joined(parts: Sequence[Places]) -> Places:
     """Join the pixels of several tiles, (rows, columns, scores) each, and sort them in row-major order."""
-    start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
-    rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
+    rows, columns, scores = map(np.concatenate, zip(*parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
 
@@ -103,15 +101,15 @@ class Marker:
         """Objects above the threshold; for "sea" by ascending number of false objects per km2, if known."""
         if self.plan.model is None:
             return [Rated(o, "anomaly", math.nan, math.nan) for o in self._found(self._above(threshold.value))]
-        rated = self._afloat(threshold, self.plan.model)
+        rated = self._afloat(threshold)
         rated += self._alongside(threshold, len(rated))
         if self._clutter.area > 0:
             rated.sort(key=lambda r: (r.rate, -r.found.score_top))
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
-    def _afloat(self, threshold: Threshold, model: SeaModel) -> list[Rated]:
+    def _afloat(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold that are not attached to land."""
-        low = min(LOW * model.q90, threshold.value)
+        low = min(self._clutter.low, threshold.value)
         found = self._found(self._above(low, *self.beside.values()), threshold.value)
         if threshold.method == "peaks":
             found = [o for o in found if o.score_top > threshold.value]
@@ -124,12 +122,8 @@ class Marker:
         found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]
         found.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         most = clutter.false_per_km2(threshold.value) if threshold.method == "peaks" else afloat / clutter.area
-        rates = [(rank + _UNKNOWN_PIERS) / clutter.area for rank in range(1, len(found) + 1)]  # each may be a pier
-        return [
-            Rated(o, "alongside", self._strata * rate, math.nan)
-            for o, rate in zip(found, rates, strict=True)
-            if not rate > most
-        ]
+        rated = [((rank + _UNKNOWN_PIERS) / clutter.area, o) for rank, o in enumerate(found, start=1)]  # maybe piers
+        return [Rated(o, "alongside", self._strata * rate, math.nan) for rate, o in rated if not rate > most]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
         """Write the objects above a threshold to `targets.objects`; return their number, or None without this file."""

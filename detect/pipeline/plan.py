@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from deglint import tiles as tiling
+from deglint.checks import from_plain
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
-from deglint.masks import Roles, WaterRule, water
+from deglint.masks import WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, roles_of
 from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
@@ -115,7 +116,8 @@ def make_plan(
 
     If `single`, or if a background is given, "auto" takes no "sea", which has no background of the whole scene.
     """
-    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads, single or given is not None)
+    recipe, mask, sea_mask, why = _chosen(scene, recipe, threads, single or given is not None)
+    notes = [why] if why else []
     if given and recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background of its own for every pixel: leave out the one given.")
     given, area = (given, None) if given else _background(scene, recipe)
@@ -153,24 +155,22 @@ def make_plan(
     return Plan(scene, recipe, bands, nir, cells, shape, at_once, mask, sea_mask, area, given, pixel_area, said, **own)
 
 
-def _chosen(
-    scene: Scene, recipe: Recipe, threads: int, single: bool
-) -> tuple[Recipe, Area | None, Water | None, list[str]]:
-    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
+def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[Recipe, Area | None, Water | None, str]:
+    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reason."""
     if recipe.method != "auto":
-        return *_masked(scene, recipe, threads), []
+        return *_masked(scene, recipe, threads), ""
     method, why = _without_sea(scene, recipe, single)
     if not why:
         try:
             searched = replace(recipe, method="sea")
-            return *_masked(scene, searched, threads), ["auto: sea, since there is water to compare with"]
+            return *_masked(scene, searched, threads), "auto: sea, since there is water to compare with"
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
             why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --method sea.")
-    return *_masked(scene, replace(recipe, method=method), threads), [f"auto: {method}, since {why}"]
+    return *_masked(scene, replace(recipe, method=method), threads), f"auto: {method}, since {why}"
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -253,11 +253,11 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """
     _roles, bands = roles_of(scene, nir)
     try:
-        numbers: dict[str, Any] = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
-        roles = Roles(**{k: v for k, v in numbers.pop("roles").items() if k in Roles.__dataclass_fields__})
-        rule = WaterRule(roles=roles, **{k: v for k, v in numbers.items() if k in WaterRule.__dataclass_fields__})
+        numbers = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
+        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # null: infinite
     except (DeglintError, KeyError, TypeError, ValueError):
         return None
+    roles = rule.roles
     same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
     return (rule, bands) if rule.has_water and same else None
 

@@ -33,7 +33,6 @@ from deglint.timing import Reporter
 from ..background import Background
 from ..local import STATES
 from ..sea.model import SEA_WINDOW
-from ..sea.region import ALONGSIDE, ATTACHED
 from ..threshold import Tail, Threshold
 from .features import motions
 from .mark import CANDIDATES, Marker, Places, joined
@@ -136,8 +135,7 @@ def score_file(
         reads = {"the input": [*given, *files], **{option: [name] for option, name in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_images(targets.image, targets.flags, targets.p_value)
-        # before the files are opened, so that a change during the run is detected
-        checksum = Checksum(files, [recipe.background, recipe.mask])
+        checksum = Checksum(files, [recipe.background, recipe.mask])  # before opening: a later change is detected
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads, progress or Reporter(), cluster)
@@ -202,7 +200,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return pixel counts, highest scores, and pixels of `ALONGSIDE`, `ATTACHED`."""
+    """Score and write all tiles; return pixel counts, highest scores, and pixels attached to land, by class."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
@@ -218,7 +216,7 @@ def _write_tiles(
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
-    attached = {which: joined([each[which] for each in beside]) for which in (ALONGSIDE, ATTACHED)}
+    attached = {which: joined([each[which] for each in beside]) for which in (beside[0] if beside else ())}
     return tally, Tail.merge(tails) if tails else None, attached
 
 
@@ -229,9 +227,8 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
         options = {"ZLEVEL": "1", **options}  # scores are noise: a higher level doubles the time, not the compression
     info = replace(info, band_tags=({},) * info.count)  # the band of scores has no wavelength
-    base = Layout(
-        info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
-    )
+    names = (plan.recipe.method,)
+    base = Layout(info, (0,), "float32", float("nan"), options, scaled=False, names=names, tile=plan.shape)
     images = {"scores": (targets.image, base)}
     if targets.p_value:
         images["p_values"] = targets.p_value, replace(base, names=("p-value",))

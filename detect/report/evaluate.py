@@ -50,10 +50,9 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Data from the files of a request: names and scores of detectors, and the truth; arrays are (row, column)."""
+    """Data from the files of a request: scores of detectors, and the truth; arrays are (row, column)."""
 
-    names: tuple[str, ...]
-    scores: tuple[Array, ...]  # higher is more anomalous
+    scores: dict[str, Array]  # by name of the detector; higher is more anomalous
     objects: Int32  # number of the object of each pixel, 0 for background
     valid: Mask  # valid in every score raster and in the truth, and inside the mask
     left_out: dict[str, int]  # number of pixels that are not valid, by reason; a pixel may have several reasons
@@ -105,8 +104,8 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
     tell = progress or (lambda *_: None)
     judged = []
-    for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):
-        tell("judge", done, len(inputs.names))
+    for done, (name, scores) in enumerate(inputs.scores.items()):
+        tell("judge", done, len(inputs.scores))
         try:
             judged.append(_judge(name, scores, inputs, request, area))
         except InputError as error:
@@ -136,30 +135,27 @@ def read_inputs(request: Request) -> Inputs:
     """Read the files of a request: score rasters, the truth, which is a raster or a GeoJSON file, and the mask."""
     scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
-    for path, scene in zip(scores[1:], scenes[1:], strict=True):
-        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
-    objects, known = _truth(request, scenes[0], notes)
     for path, scene in zip(scores, scenes, strict=True):
+        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
         if len(scene.bands) > 1:
             notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    arrays = [_first_band(scene) for scene in scenes]
-    names = _names(scores)
+    objects, known = _truth(request, scenes[0], notes)
+    signed = {name: request.sign * _first_band(scene) for name, scene in zip(_names(scores), scenes, strict=True)}
     reasons = {"not valid in the truth": known}
-    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
+    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in signed.items()}
     reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
     if request.mask is not None:
         whole = (0, scenes[0].height), (0, scenes[0].width)
         reasons["outside the mask"] = open_area(request.mask, scenes[0], "--mask").read(whole)
     left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
     valid = np.logical_and.reduce([known, *reasons.values()])
-    turned = tuple(-array if request.lower else array for array in arrays)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
     if parts > many:  # a number may be a class of objects
         notes.append(
             f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
             "object (--connected: each part is one)"
         )
-    return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
+    return Inputs(signed, objects, valid, left_out, scenes[0], tuple(notes))
 
 
 def _first_band(scene: Scene) -> Array:

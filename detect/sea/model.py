@@ -42,6 +42,8 @@ _LAST_FACTOR = 0.9
 simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
 _REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move by about a pixel between bands
 
+Blocks = Sequence[tuple[Array, Classes]]  # parts of a scene, (band, row, column), and classes, (row, column)
+
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
@@ -121,13 +123,7 @@ class SeaModel:
         return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
-def fit(
-    blocks: Sequence[tuple[Array, Classes]],
-    *,
-    pixel: float | None = None,
-    side: str | None = None,
-    nir: Sequence[Array] = (),
-) -> SeaModel:
+def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, nir: Sequence[Array] = ()) -> SeaModel:
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by

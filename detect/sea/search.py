@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
-from ..arrays import Array, Float32, Float64
+from ..arrays import Array, Float32, Float64, Mask
 from ..background import as_image, as_mask
 from ..objects import Object, find, find_among
 from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survival
@@ -186,12 +185,7 @@ class Search:
 
 
 def score_scene(
-    image: npt.ArrayLike,
-    water: npt.ArrayLike | None = None,
-    *,
-    pixel: float = 10.0,
-    pfa: float = 1e-4,
-    side: str | None = None,
+    image: Array, water: Mask | None = None, *, pixel: float = 10.0, pfa: float = 1e-4, side: str | None = None
 ) -> Search:
     """Search the sea in an image for ships, boats and swimmers.
 
@@ -227,7 +221,7 @@ def score_scene(
     >>> [(round(o["row"]), round(o["column"])) for o in score_scene(sea).objects[:1]]
     [(51, 65)]
     """
-    values = as_image(np.asarray(image))
+    values = as_image(image)
     valid = np.asarray(np.isfinite(values).all(axis=0))
     inside = as_mask(water, values)
     mask = valid if inside is None else inside & valid
