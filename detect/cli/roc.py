@@ -84,6 +84,5 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     if given["as_json"]:
         click.echo(json.dumps(numbers, indent=2))
     elif not given["quiet"]:
-        for line in table(numbers):
-            click.echo(line)
+        click.echo("\n".join(table(numbers)))
 # fmt: on

@@ -283,11 +283,8 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
     """Warnings about the reliability of the scores, one line each."""
     said = []
     if background := plan.background:
-        if background.rank < background.bands:
-            said.append(
-                f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
-                "scored as if they were not there"
-            )
+        if extra := background.bands - background.rank:
+            said.append(f"{extra} of {background.bands} bands do not vary or follow from others: they do not count")
         if background.n < _FEW_PIXELS * background.bands:
             said.append(
                 f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "

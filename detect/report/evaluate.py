@@ -191,15 +191,10 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     for number, feature in enumerate(features, start=1):
         one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
         area = polygons(one, grid, path)
-        (top, bottom), (left, right) = (
-            np.clip(ends, 0, size).tolist() for ends, size in zip(area.bounds, out.shape, strict=True)
-        )
+        (top, bottom), (left, right) = np.clip(area.bounds, 0, np.array(out.shape)[:, None]).tolist()
         out[top:bottom, left:right][area.read(((top, bottom), (left, right)))] = number
     if lost := len(features) - np.count_nonzero(np.unique(out)):
-        notes.append(
-            f"{lost} of {len(features)} features of {path} hold no pixel's centre in the scene, or only some "
-            "that later features hold: left out"
-        )
+        notes.append(f"{lost} of {len(features)} features of {path} hold no pixel's centre of their own: left out")
     return out
 
 

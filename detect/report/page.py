@@ -87,11 +87,8 @@ def table(numbers: dict[str, Any]) -> list[str]:
     for d in numbers["detectors"]:
         span = d["bootstrap"] or d["delong"]
         interval = "not known" if span["low"] is None else f"{span['low']:.4f}-{span['high']:<7.4f}"
-        out.append(
-            f"{d['name']:<{wide}}  {d['auc']:>7.4f}  {interval:>15}  "
-            f"{d['partial_auc']['raw']:>8.5f}  {d['average_precision']:>7.4f}"
-            + "".join(f"  {p['pd']:>9.4f}" for p in d["operating_points"])
-        )
+        areas = f"{d['auc']:>7.4f}  {interval:>15}  {d['partial_auc']['raw']:>8.5f}  {d['average_precision']:>7.4f}"
+        out.append(f"{d['name']:<{wide}}  {areas}" + "".join(f"  {p['pd']:>9.4f}" for p in d["operating_points"]))
     for d in numbers["detectors"]:
         for p in d["operating_points"] if "objects" in d else ():
             per = "" if p["false_alarms_per_km2"] is None else f" ({p['false_alarms_per_km2']:.3g} per km2)"
