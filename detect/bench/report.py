@@ -44,10 +44,9 @@ def against_wind(results: Results) -> Figure:
     for ax, delay in zip(panels, effort.delays, strict=True):
         for name in (RAW, *results.used, LIMIT):
             found = [results.error((wind, delay), name) for wind in effort.winds]
-            spread = [[max(n.value - n.low, 0) for n in found], [max(n.high - n.value, 0) for n in found]]
-            ax.errorbar(
-                effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name, **_style(name)
-            )
+            value, low, high = np.array([(n.value, n.low, n.high) for n in found]).T
+            spread = np.nan_to_num(np.maximum([value - low, high - value], 0))
+            ax.errorbar(effort.winds, value, spread, marker=".", label=name, **_style(name))
         ax.set(yscale="log", xlabel="wind [m/s]", title=f"{1000 * delay:g} ms between bands")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
     return figure

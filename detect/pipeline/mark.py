@@ -122,7 +122,7 @@ class Marker:
         found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]
         found.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         most = clutter.false_per_km2(threshold.value) if threshold.method == "peaks" else afloat / clutter.area
-        rated = [((rank + _UNKNOWN_PIERS) / clutter.area, o) for rank, o in enumerate(found, start=1)]  # maybe piers
+        rated = [((rank + _UNKNOWN_PIERS) / clutter.area, o) for rank, o in enumerate(found, 1)]  # each may be a pier
         return [Rated(o, "alongside", self._strata * rate, math.nan) for rate, o in rated if not rate > most]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:

@@ -254,7 +254,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     _roles, bands = roles_of(scene, nir)
     try:
         numbers = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
-        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # null: infinite
+        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # not finite
     except (DeglintError, KeyError, TypeError, ValueError):
         return None
     roles = rule.roles
