@@ -16,7 +16,7 @@ from .scenes import REFLECTANCES, SIDE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SIZE = (9.0, 4.2)  # width and height of a figure [inch]
+_FIGURE_SIZE = (9.0, 4.2)  # width and height of a figure [inch]
 _ERROR = "RMS error [% of the water level]"
 
 
@@ -39,7 +39,7 @@ def _style(name: str) -> dict[str, Any]:
 def against_wind(results: Results) -> Figure:
     """Plot the error against the wind, with a panel for each delay between bands and a line for each removal."""
     effort = results.effort
-    figure, panels = new_figure(*_SIZE, len(effort.delays))
+    figure, panels = new_figure(*_FIGURE_SIZE, len(effort.delays))
     panels[0].set_ylabel(_ERROR)
     for ax, delay in zip(panels, effort.delays, strict=True):
         for name in (RAW, *results.used, LIMIT):
@@ -55,7 +55,7 @@ def against_wind(results: Results) -> Figure:
 def time_against_error(results: Results) -> Figure:
     """Plot error against processor time; a marker is filled if no other removal is both faster and more precise."""
     wind, _delay = results.effort.shown
-    figure, panels = new_figure(*_SIZE, len(results.effort.delays))
+    figure, panels = new_figure(*_FIGURE_SIZE, len(results.effort.delays))
     panels[0].set_ylabel(_ERROR)
     times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
     for ax, delay in zip(panels, results.effort.delays, strict=True):
@@ -71,7 +71,7 @@ def time_against_error(results: Results) -> Figure:
 
 def roc_curves(results: Results) -> Figure:
     """Plot ROC curves (at `Effort.shown`) for the two lowest object reflectances: Pd, mean over seeds, against Pfa."""
-    figure, panels = new_figure(*_SIZE, 2)
+    figure, panels = new_figure(*_FIGURE_SIZE, 2)
     panels[0].set_ylabel("Pd")
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
