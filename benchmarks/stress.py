@@ -20,7 +20,7 @@ import numpy.typing as npt
 from deglint import remove
 from deglint.errors import DeglintError
 from deglint.moments import cell_moments
-from detect.background import estimate
+from detect.background import fit
 from detect.local import local_rx
 from detect.rx import detector, score
 
@@ -185,7 +185,7 @@ def by_deglint(case: Case) -> Jobs:
         "mean": lambda: moments.mean,
         "covariance": moments.covariance,
         "slope": lambda: [f.slope for f in remove.fit("lyzenga", physical, nir=NIR).fits],
-        "RX": lambda: score(block, detector("rx", estimate(moments))),
+        "RX": lambda: score(block, detector("rx", fit(block))),
         "local RX": lambda: local_rx(block, inner=INNER, outer=OUTER)[tuple(PLACES.T)],
     }
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from deglint.checks import check_choice
 from deglint.errors import FitError, InputError
-from deglint.moments import CELL, CellMoments, Moments, cell_moments, thinned
+from deglint.moments import CELL, CellMoments, cell_moments, thinned
 from deglint.tiles import default_threads
 
 from . import covariance as estimates
@@ -127,15 +127,48 @@ class Part:
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
-        sample = self.values[:, np.lexsort(self.places[::-1])].T
         moments = Part.merge([self]).cells.by_place().total()
-        return estimate(moments, covariance, ridge=ridge, names=names, sample=sample)
+        n = moments.n
+        if n < 2:
+            raise FitError(
+                f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "
+                "in use. Check --nodata, --mask and --background."
+            )
+        matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
+        beyond = ~np.isfinite(np.diag(matrix)) | ((np.diag(matrix) == 0) & (moments.minimum < moments.maximum))
+        if beyond.any():
+            b = int(np.argmax(beyond))
+            raise FitError(
+                f"{names[b] if names else f'band {b + 1}'} goes from {moments.minimum[b]:g} to {moments.maximum[b]:g}, "
+                "squares of which are beyond double precision. Bring it to other units, or mark what is not valid as "
+                "nodata."
+            )
+        sample = self.values[:, np.lexsort(self.places[::-1])].T.astype(np.float64)
+        if covariance == "ridge":
+            matrix, shrinkage = estimates.ridged(matrix, ridge), ridge
+        elif covariance == "oas":
+            shrinkage = estimates.oas_shrinkage(moments.covariance(ddof=0), n)
+            matrix = estimates.shrunk(matrix, shrinkage)
+        elif covariance == "ledoit-wolf":
+            shrinkage = estimates.ledoit_wolf_shrinkage(moments.covariance(ddof=0), n, sample - mean - rest)
+            matrix = estimates.shrunk(matrix, shrinkage)
+        elif covariance == "mcd":
+            if len(sample) < 2:
+                raise FitError("the robust background has fewer than 2 pixels to look at. Widen its area.")
+            mean, matrix, n = estimates.robust(sample)
+            rest = np.zeros_like(mean)
+        return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
 
 
 def fit(
-    image: Array, *, mask: Mask | None = None, covariance: str = "empirical", ridge: float = RIDGE,
-    names: Sequence[str] = (), threads: int | None = None,
-) -> Background:  # fmt: skip
+    image: Array,
+    *,
+    mask: Mask | None = None,
+    covariance: str = "empirical",
+    ridge: float = RIDGE,
+    names: Sequence[str] = (),
+    threads: int | None = None,
+) -> Background:
     """Fit a `Background`, the mean and covariance of the pixels, to an image.
 
     Parameters
@@ -172,44 +205,6 @@ def fit(
     with ThreadPoolExecutor(default_threads(threads)) as pool:
         whole = Part.merge(list(pool.map(part, range(0, image.shape[1], CELL))))
     return whole.background(covariance, ridge, names)
-
-
-def estimate(
-    moments: Moments, covariance: str = "empirical", *, ridge: float = RIDGE, names: Sequence[str] = (),
-    sample: Array | None = None,
-) -> Background:  # fmt: skip
-    """As `fit`, from moments of the pixels; "mcd" and "ledoit-wolf" also need a `sample` of pixels, (pixels, bands)."""
-    check_rule(covariance, ridge)
-    n = moments.n
-    if n < 2:
-        raise FitError(
-            f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "
-            "in use. Check --nodata, --mask and --background."
-        )
-    matrix, mean, rest, shrinkage = moments.covariance(), moments.mean, moments.rest, 0.0
-    beyond = ~np.isfinite(np.diag(matrix)) | ((np.diag(matrix) == 0) & (moments.minimum < moments.maximum))
-    if beyond.any():
-        b = int(np.argmax(beyond))
-        raise FitError(
-            f"{names[b] if names else f'band {b + 1}'} goes from {moments.minimum[b]:g} to {moments.maximum[b]:g}, "
-            "squares of which are beyond double precision. Bring it to other units, or mark what is not valid as "
-            "nodata."
-        )
-    if covariance == "ridge":
-        matrix, shrinkage = estimates.ridged(matrix, ridge), ridge
-    elif covariance == "oas":
-        shrinkage = estimates.oas_shrinkage(moments.covariance(ddof=0), n)
-        matrix = estimates.shrunk(matrix, shrinkage)
-    elif covariance == "ledoit-wolf":
-        away = np.zeros((0, len(mean))) if sample is None else sample.astype(np.float64) - mean - rest
-        shrinkage = estimates.ledoit_wolf_shrinkage(moments.covariance(ddof=0), n, away)
-        matrix = estimates.shrunk(matrix, shrinkage)
-    elif covariance == "mcd":
-        if sample is None or len(sample) < 2:
-            raise FitError("the robust background has fewer than 2 pixels to look at. Widen its area.")
-        mean, matrix, n = estimates.robust(sample.astype(np.float64))
-        rest = np.zeros_like(mean)
-    return Background(n, mean, rest, matrix, covariance, float(shrinkage), tuple(names))
 
 
 def sample_share(covariance: str, pixels: int) -> int:

@@ -112,14 +112,13 @@ def robust(sample: Array, keep: float = 0.75) -> tuple[Float64, Float64, int]:
 def _starts(x: Float64, count: int) -> list[tuple[Float64, Float64]]:
     """Three initial estimates (mean, covariance) for `_concentrate`; `x` and `count` are its parameters."""
     bands = x.shape[1]
-    zero = np.zeros(bands)
     length = np.sqrt((x**2).sum(axis=1))
     near = x[np.argpartition(length, count - 1)[:count]]
     signs = x / np.where(length > 0, length, 1)[:, None]
     squashed = np.tanh(x)
     return [
         (near.mean(axis=0), np.cov(near, rowvar=False).reshape(bands, bands)),
-        (zero, bands * signs.T @ signs / len(x)),
+        (np.zeros(bands), bands * signs.T @ signs / len(x)),
         (squashed.mean(axis=0), np.cov(squashed, rowvar=False).reshape(bands, bands)),
     ]
 

@@ -74,11 +74,10 @@ class WindowRule:
         return self.outer * self.outer - self.inner * self.inner
 
 
-@checked_keywords("border", "ddof", "ridge")
+@checked_keywords("border", "ddof", "ridge", "threads")
 def local_rx(
-    image: Array, *, inner: int, outer: int, mask: Mask | None = None,
-    flags: Uint8 | None = None, threads: int = 1, **options: Any,
-) -> Scores:  # fmt: skip
+    image: Array, *, inner: int, outer: int, mask: Mask | None = None, flags: Uint8 | None = None, **options: Any
+) -> Scores:
     """Local RX with a dual window: squared Mahalanobis distance of every pixel from the ring of pixels around it.
 
     Parameters
@@ -91,13 +90,12 @@ def local_rx(
         True where a pixel is used. The other pixels are in no ring, and their score is NaN.
     flags : (row, column) uint8 ndarray, optional
         Output array. It is filled with 0 for an ordinary score or an invalid pixel, or with a key of `STATES`.
-    threads : int
-        Number of threads. The result does not depend on it.
     **options
         border: for windows that extend beyond the image, "shrink" (default) ignores the part outside, "mirror" mirrors
         the image at its edge, and "shift" moves window and guard inside, each by the smallest distance. ddof: the
         divisor of the covariance is the number of pixels minus ddof (default 1; most publications use 0). ridge:
-        fraction of each band's variance that is added to it (default 0).
+        fraction of each band's variance that is added to it (default 0). threads: number of threads (default 1); the
+        result does not depend on it.
 
     Returns
     -------
@@ -121,6 +119,7 @@ def local_rx(
     image = as_image(image)
     mask = as_mask(mask, image)
     size = (image.shape[1], image.shape[2])
+    threads = options.pop("threads", 1)
     rule = WindowRule(inner, outer, size, **options)
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
@@ -129,35 +128,35 @@ def local_rx(
 
     with threadpool_limits(1, user_api="blas"):  # a ring's matrices are small: threads would wait for each other
         whole = Tile(0, size[0], 0, size[1])
-        return score_part(image, rule, whole, whole, mask, flags=flags, threads=threads)
+        scores, states = score_part(image, rule, whole, whole, mask, threads=threads)
+    if flags is not None:
+        flags[:] = states
+    return scores
 
 
 def score_part(
-    block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None,
-    *, flags: Uint8 | None = None, threads: int = 1,
-) -> Scores:  # fmt: skip
-    """Scores of the tile `part` of a scene, (row, column), from a block that contains the tile and its halo.
+    block: Array, rule: WindowRule, held: Tile, part: Tile, mask: Mask | None = None, *, threads: int = 1
+) -> tuple[Scores, Uint8]:
+    """Scores and states (0 or a key of `STATES`) of the tile `part` of a scene, (row, column).
 
     `block`, (band, row, column), holds the pixels of the tile `held`: `part` and its halo, cut at the edges of the
-    scene. The first row and column of `part` are multiples of `CELL`. `mask` has the rows and columns of `block`,
-    `flags` those of `part`. `rule` holds the sides of the window; the other parameters are as in `local_rx`.
+    scene. The first row and column of `part` are multiples of `CELL`. `mask` has the rows and columns of `block`.
+    `rule` holds the sides of the window; the other parameters are as in `local_rx`.
     """
     dtype = np.float64 if block.dtype == np.float64 else np.float32
-    scores = np.full(part.shape, np.nan, dtype)
+    scores, states = np.full(part.shape, np.nan, dtype), np.zeros(part.shape, np.uint8)
     good = np.asarray(np.isfinite(block).all(axis=0))
     if mask is not None:
         good &= mask
 
     def score_cell(cell: Tile) -> None:
         own = cell.within(part)
-        values, states = _score_cell(block, good, held, cell, rule)
+        values, states[own] = _score_cell(block, good, held, cell, rule)
         scores[own] = np.minimum(values, np.finfo(dtype).max, out=values)
-        if flags is not None:
-            flags[own] = states
 
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(score_cell, part.split(CELL)))
-    return scores
+    return scores, states
 
 
 def _score_cell(block: Array, good: Mask, held: Tile, cell: Tile, rule: WindowRule) -> tuple[Float64, Uint8]:

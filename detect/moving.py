@@ -63,9 +63,7 @@ def find_moving(
     bands = np.asarray(image, np.float32)
     times = np.asarray(delays, np.float64)
     if bands.ndim != 3 or len(bands) != len(times):
-        raise InputError(
-            f"image must be (band, row, column) with a delay for each band, got {bands.shape}, {times.size}."
-        )
+        raise InputError(f"image: want (band, row, column) and a delay for each band, got {bands.shape}, {times.size}.")
     if len(np.unique(times)) < 3:
         raise InputError("a motion needs three bands that look at different times: two places could be anything's.")
     if not pixel > 0:

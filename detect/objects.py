@@ -61,6 +61,12 @@ class Object:
     score_top: float = math.nan
     scores: Float64 = field(default_factory=lambda: np.zeros(0), repr=False)
 
+    @property
+    def measures(self) -> dict[str, Any]:
+        """Size and position, by their names in the files of objects."""
+        row, column = self.centroid
+        return {"pixels": self.size, "area_m2": self.area, "row": row, "column": column}
+
     @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
         """Polygons along the edges of pixels: each has an outer ring, then its holes, as (column, row) corners.
@@ -78,9 +84,8 @@ class Object:
 
 
 def find(
-    mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
-    pixel_area: float | None = None,
-) -> list[Object]:  # fmt: skip
+    mask: Mask, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0, pixel_area: float | None = None
+) -> list[Object]:
     """Find the objects of a mask of detected pixels, (row, column), in order of descending `score_max`.
 
     Pixels that touch, also at a corner, are one object; pixels whose score is NaN are ignored. Parts whose nearest
@@ -97,14 +102,21 @@ def find(
     if mask.ndim != 2 or mask.shape != scores.shape:
         raise InputError(f"mask and scores must be of one shape (row, column), got {mask.shape} and {scores.shape}.")
     rows, columns = np.nonzero(mask.astype(np.bool_, copy=False) & ~np.isnan(scores))
-    return find_among(rows, columns, scores[rows, columns], min_size=min_size, merge_distance=merge_distance,
-                      pixel_area=pixel_area)  # fmt: skip
+    return find_among(
+        rows, columns, scores[rows, columns], min_size=min_size, merge_distance=merge_distance, pixel_area=pixel_area
+    )
 
 
 def find_among(
-    rows: Int64, columns: Int64, scores: Array, *, min_size: int = 1, merge_distance: float = 0.0,
-    pixel_area: float | None = None, above: float = -math.inf,
-) -> list[Object]:  # fmt: skip
+    rows: Int64,
+    columns: Int64,
+    scores: Array,
+    *,
+    min_size: int = 1,
+    merge_distance: float = 0.0,
+    pixel_area: float | None = None,
+    above: float = -math.inf,
+) -> list[Object]:
     """As `find`, from the rows, columns and scores of some pixels, (pixels,) each, in place of arrays of the scene.
 
     The pixels are in row-major order. Pixels with a score greater than `above` are the detected pixels of the objects.
@@ -134,13 +146,20 @@ def find_among(
         row, left = int(down.min()), int(across.min())
         footprint = np.zeros((int(down.max()) + 1 - row, int(across.max()) + 1 - left), np.bool_)
         footprint[down - row, across - left] = True
-        out.append(Object(
-            label=number, score_max=float(values[own].max()), score_mean=float(values[own].mean()), size=len(own),
-            area=None if pixel_area is None else len(own) * pixel_area,
-            centroid=(float(down.mean()), float(across.mean())),
-            bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])), footprint=footprint,
-            score_top=math.sqrt((highest**2).sum() / _FOOTPRINT), scores=values[own],
-        ))  # fmt: skip
+        out.append(
+            Object(
+                label=number,
+                score_max=float(values[own].max()),
+                score_mean=float(values[own].mean()),
+                size=len(own),
+                area=None if pixel_area is None else len(own) * pixel_area,
+                centroid=(float(down.mean()), float(across.mean())),
+                bounds=((row, row + footprint.shape[0]), (left, left + footprint.shape[1])),
+                footprint=footprint,
+                score_top=math.sqrt((highest**2).sum() / _FOOTPRINT),
+                scores=values[own],
+            )
+        )
     return out
 
 
@@ -164,10 +183,8 @@ def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str,
         polygons = [[_turned(ring, hole=i > 0) for i, ring in enumerate(polygon)] for polygon in rings]
         kind, coordinates = ("Polygon", polygons[0]) if len(polygons) == 1 else ("MultiPolygon", polygons)
         (row0, row1), (col0, col1) = o.bounds
-        properties = {
-            "label": o.label, "score_max": o.score_max, "score_mean": o.score_mean, "pixels": o.size, "area_m2": o.area,
-            "row": o.centroid[0], "column": o.centroid[1], "window": [col0, row0, col1 - col0, row1 - row0],
-        }  # fmt: skip
+        properties = {"label": o.label, "score_max": o.score_max, "score_mean": o.score_mean} | o.measures
+        properties["window"] = [col0, row0, col1 - col0, row1 - row0]
         geometry = {"type": kind, "coordinates": coordinates}
         features.append({"type": "Feature", "id": o.label, "properties": properties, "geometry": geometry})
     return {"type": "FeatureCollection", "features": features}

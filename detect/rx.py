@@ -51,10 +51,7 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector that is fitted to a background.
-
-    The score of a pixel x, (bands,), is |whiten d|^2 + linear . d, with d = x - mean - rest.
-    """
+    """A detector of one background: the score of a pixel x is |whiten d|^2 + linear . d, with d = x - mean - rest."""
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean
@@ -175,9 +172,15 @@ METHODS = {
 
 @checked_keywords()
 def rx(
-    image: Array, background: Background | Mask | None = None, *, mask: Mask | None = None, nodata: float | None = None,
-    covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None,
-) -> Scores:  # fmt: skip
+    image: Array,
+    background: Background | Mask | None = None,
+    *,
+    mask: Mask | None = None,
+    nodata: float | None = None,
+    covariance: str = "empirical",
+    ridge: float = RIDGE,
+    threads: int | None = None,
+) -> Scores:
     """Global RX (Reed and Yu 1990): squared Mahalanobis distance (x - mean)' C^-1 (x - mean) from the background.
 
     Parameters
@@ -217,7 +220,7 @@ def rx(
     """
     if nodata is not None:
         image = np.ma.array(image, mask=np.ma.getmaskarray(image) | (np.asarray(image) == nodata), copy=False)
-    return _run("rx", image, background, mask, covariance, ridge, threads)
+    return _run("rx", image, background, mask, covariance=covariance, ridge=ridge, threads=threads)
 
 
 @checked_keywords()
@@ -257,18 +260,15 @@ def residual_rx(
     return _run("residual", image, background, mask, nir=nir)
 
 
-def _run(
-    method: str, image: Array, background: Background | Mask | None, mask: Mask | None,
-    covariance: str = "empirical", ridge: float = RIDGE, threads: int | None = None, **options: Any,
-) -> Scores:  # fmt: skip
-    """Score an image with a method; fit the background if none is given. Parameters are as in `rx` and `detector`."""
+def _run(method: str, image: Array, background: Background | Mask | None, mask: Mask | None, **options: Any) -> Scores:
+    """Score an image with a method; fit the background if none is given. `options` are of `fit` and `detector`."""
+    fitting = {name: options.pop(name) for name in ("covariance", "ridge", "threads") if name in options}
     hidden = np.ma.getmask(image)
     image = as_image(image)
     mask = both(as_mask(mask, image), ~np.any(hidden, axis=0) if np.any(hidden) else None)
-    threads = default_threads(threads)
     if not isinstance(background, Background):
-        inside = both(as_mask(background, image), mask)
-        background = fit(image, mask=inside, covariance=covariance, ridge=ridge, threads=threads)
+        background = fit(image, mask=both(as_mask(background, image), mask), **fitting)
+    threads = default_threads(fitting.get("threads"))
     return score(image, detector(method, background, **options), mask, threads=threads)
 
 

@@ -188,9 +188,7 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
             "pixels, to which a tail (gpd) can be fitted."  # rounding to two digits takes up to 5 %
         )
     if allowed >= len(tail.values):
-        raise InputError(
-            f"pfa: {pfa:g} of {tail.n} scores is {allowed}, and the tail keeps {len(tail.values)}. Keep more of it."
-        )
+        raise InputError(f"pfa: {pfa:g} of {tail.n} scores is {allowed}, the tail keeps {len(tail.values)}. Keep more.")
     value = float(tail.values[allowed])
     notes = () if allowed >= _ENOUGH else (f"only {allowed} scores lie above the threshold: it is uncertain",)
     return Threshold(value, "quantile", pfa, n=tail.n, notes=notes).measured(tail.above(value), tail.n)
@@ -251,10 +249,8 @@ def from_gpd(scores: Array | Tail, pfa: float) -> Threshold:
     notes = [] if distance < _POOR_FIT else [f"the fitted tail is poor: it is off by up to {distance:.0%} of the tail"]
     if shape >= 0.5:
         notes.append(f"the tail is heavy (shape {shape:.2f}): a few objects or stray pixels may have set it")
-    numbers = {
-        "start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k), "scale": scale,
-        "kolmogorov": distance,
-    }  # fmt: skip
+    numbers = {"start": u, "exceedances": k, "shape": shape, "shape_error": (1 + shape) / math.sqrt(k)}
+    numbers |= {"scale": scale, "kolmogorov": distance}
     found = Threshold(value, "gpd", pfa, n=tail.n, standard_error=error, numbers=numbers, notes=tuple(notes))
     return found.measured(tail.above(value), tail.n)
 

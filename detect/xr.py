@@ -29,9 +29,13 @@ from .pipeline.scoring import Scoring
 
 @checked_keywords()
 def fit(
-    array: Any, recipe: Recipe | str = "rx", *, sensor: str | None = None, nodata: float | str | None = None,
+    array: Any,
+    recipe: Recipe | str = "rx",
+    *,
+    sensor: str | None = None,
+    nodata: float | str | None = None,
     threads: int | None = None,
-) -> Background:  # fmt: skip
+) -> Background:
     """Fit the background of a DataArray now; a lazy array is read once, by chunks. Parameters are as in `score`."""
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
@@ -44,9 +48,14 @@ def fit(
 
 @checked_keywords()
 def score(
-    array: Any, recipe: Recipe | str = "rx", *, background: Background | None = None, sensor: str | None = None,
-    nodata: float | str | None = None, threads: int | None = None,
-) -> Any:  # fmt: skip
+    array: Any,
+    recipe: Recipe | str = "rx",
+    *,
+    background: Background | None = None,
+    sensor: str | None = None,
+    nodata: float | str | None = None,
+    threads: int | None = None,
+) -> Any:
     """Score how anomalous every pixel of a DataArray is; the scores of a lazy array are lazy.
 
     Parameters

@@ -14,10 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from deglint import __version__
+
 from ..arrays import Array
 
-PACKAGES = ("deglint", "numpy", "scipy", "numba", "rasterio", "opencv-contrib-python-headless", "scikit-learn",
-            "spectral")  # fmt: skip
+PACKAGES = ("numpy", "scipy", "numba", "rasterio", "opencv-contrib-python-headless", "scikit-learn", "spectral")
 VISIBLE_BANDS = 5  # COASTAL to RED: the bands whose error counts
 
 Better = Literal["lower", "higher"]
@@ -79,22 +80,17 @@ def timed(values: Sequence[float], unit: str = "s") -> Number:
 
 
 def as_json(numbers: Mapping[str, Number], made: Mapping[str, Any], refused: Mapping[str, str]) -> dict[str, Any]:
-    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON, with None for NaN."""
-    from deglint.raster.output import plain
-
-    values = {name: asdict(number) for name, number in numbers.items()}
-    out: dict[str, Any] = plain({"made": made, "numbers": values, "refused": refused})
-    return out
+    """Numbers, provenance (`made`) and failed removals (`refused`) of a run, as values for JSON."""
+    return {"made": made, "numbers": {name: asdict(number) for name, number in numbers.items()}, "refused": refused}
 
 
 def provenance(command: str, *, quick: bool, seeds: int, seconds: float, load: float | None) -> dict[str, Any]:
     """Versions, machine and options of a run, which took `seconds` [s]; `load` is the load average at its start."""
     now = machine()
     busy = f"load {load:g} on {now['cores']} cores" if load is not None and load > 0.5 * now["cores"] else ""
-    return {
-        "command": command, "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), "quick": quick, "seeds": seeds,
-        "seconds": round(seconds, 1), "machine": now, "busy": busy, "versions": versions(),
-    }  # fmt: skip
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    made = {"command": command, "date": date, "quick": quick, "seeds": seeds, "seconds": round(seconds, 1)}
+    return made | {"machine": now, "busy": busy, "versions": versions()}
 
 
 def machine() -> dict[str, Any]:
@@ -109,7 +105,7 @@ def machine() -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of those `PACKAGES` that are installed, by name."""
-    out = {"deglint": "", "python": platform.python_version()}
+    out = {"deglint": __version__, "python": platform.python_version()}
     for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
             out[name] = metadata.version(name)

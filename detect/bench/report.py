@@ -16,7 +16,7 @@ from .scenes import REFLECTANCES, SIDE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _HEIGHT = 9.0, 4.2  # size of a figure [inch]
+_FIGURE_SIZE = (9.0, 4.2)  # width and height of a figure [inch]
 _ERROR = "RMS error [% of the water level]"
 
 
@@ -29,13 +29,6 @@ def page(results: Results, made: Mapping[str, Any]) -> str:
     return render("detect.bench", made=made, plots=plots, tables=tables(results), refused=results.refused)
 
 
-def _axes(panels: int, label: str) -> tuple[Figure, list[Any]]:
-    """Make a figure with `panels` panels, side by side; `label` is the label of their common y axis."""
-    figure, axes = new_figure(_WIDTH, _HEIGHT, panels)
-    axes[0].set_ylabel(label)
-    return figure, axes
-
-
 def _style(name: str) -> dict[str, Any]:
     """matplotlib style of the line of a removal: grey for raw and noise-only image, thick and black for the default."""
     if name in (RAW, LIMIT):
@@ -43,50 +36,50 @@ def _style(name: str) -> dict[str, Any]:
     return {"linewidth": 3.0, "color": "black"} if name == DEFAULT else {}
 
 
-def _with_legend(figure: Any, ax: Any) -> Figure:
-    """Add one legend to a figure, beside its panels, for the lines of the panel `ax`; return the figure."""
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside right")
-    return figure
-
-
 def against_wind(results: Results) -> Figure:
     """Plot the error against the wind, with a panel for each delay between bands and a line for each removal."""
     effort = results.effort
-    figure, panels = _axes(len(effort.delays), _ERROR)
+    figure, panels = new_figure(*_FIGURE_SIZE, len(effort.delays))
+    panels[0].set_ylabel(_ERROR)
     for ax, delay in zip(panels, effort.delays, strict=True):
         for name in (RAW, *results.used, LIMIT):
             found = [results.error((wind, delay), name) for wind in effort.winds]
-            spread = [[max(n.value - n.low, 0) for n in found], [max(n.high - n.value, 0) for n in found]]
-            ax.errorbar(effort.winds, [n.value for n in found], np.nan_to_num(spread), marker=".", label=name,
-                        **_style(name))  # fmt: skip
+            value, low, high = np.array([(n.value, n.low, n.high) for n in found]).T
+            spread = np.nan_to_num(np.maximum([value - low, high - value], 0))
+            ax.errorbar(effort.winds, value, spread, marker=".", label=name, **_style(name))
         ax.set(yscale="log", xlabel="wind [m/s]", title=f"{1000 * delay:g} ms between bands")
-    return _with_legend(figure, panels[0])
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+    return figure
 
 
 def time_against_error(results: Results) -> Figure:
     """Plot error against processor time; a marker is filled if no other removal is both faster and more precise."""
     wind, _delay = results.effort.shown
-    figure, panels = _axes(len(results.effort.delays), _ERROR)
+    figure, panels = new_figure(*_FIGURE_SIZE, len(results.effort.delays))
+    panels[0].set_ylabel(_ERROR)
     times = {name: 1e3 * (results.fit[name].value + results.apply[name].value) for name in results.used}
     for ax, delay in zip(panels, results.effort.delays, strict=True):
         errors = {name: results.error((wind, delay), name).value for name in results.used}
         for name, error in errors.items():
             beaten = any(times[n] < times[name] and errors[n] < error for n in results.used)
             ax.plot(times[name], error, "o", label=name, fillstyle="none" if beaten else "full", **_style(name))
-        ax.set(xscale="log", yscale="log", xlabel="processor time of fit and apply [ms]",
-               title=f"{named((wind, delay))} between bands")  # fmt: skip
-    return _with_legend(figure, panels[0])
+        ax.set(xscale="log", yscale="log")
+        ax.set(xlabel="processor time of fit and apply [ms]", title=f"{named((wind, delay))} between bands")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+    return figure
 
 
 def roc_curves(results: Results) -> Figure:
     """Plot ROC curves (at `Effort.shown`) for the two lowest object reflectances: Pd, mean over seeds, against Pfa."""
-    figure, panels = _axes(2, "Pd")
+    figure, panels = new_figure(*_FIGURE_SIZE, 2)
+    panels[0].set_ylabel("Pd")
     for kind, ax in enumerate(panels):
         for name in (RAW, *results.used, LIMIT):
             images = results.images[results.effort.shown, name]
             ax.plot(GRID, np.mean([image.curve[kind] for image in images], axis=0), label=name, **_style(name))
         ax.set(xscale="log", xlabel="Pfa", title=f"objects of {100 * REFLECTANCES[kind]:g} %")
-    return _with_legend(figure, panels[0])
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+    return figure
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from deglint import Scene, open_scene
 from deglint.morphology import grown
 from deglint.physics.sensor import Sensor
-from deglint.simulate import Setup, SimulatedScene, SubmergedObject, simulate_together, thesis_array
+from deglint.simulate import Setup, SimulatedScene, simulate_together, thesis_array
 
 from ..arrays import Array, Float64, Int64, Mask
 
@@ -24,12 +24,6 @@ REFLECTANCES = (0.02, 0.05, 0.10, 0.20)  # reflectances of the submerged objects
 OBJECT, DEPTH = 16, 5.0  # side of an object [pixel] and its depth [m]
 BLURRED_EDGE = 4  # width of the edge of objects that is neither object nor background [pixel]: light is spread there
 SEED = 100  # seed of the first sea
-
-
-def objects(side: int, gsd: float) -> tuple[SubmergedObject, ...]:
-    """Squares, at most `OBJECT` pixels wide, in the right half of a scene of `side` x `side` pixels of `gsd` [m]."""
-    largest = min(OBJECT, side / 4 / len(REFLECTANCES))
-    return thesis_array((side, side), gsd, reflectances=REFLECTANCES, sides=(largest,), depth=DEPTH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +77,10 @@ def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int
     """Simulate a sea of `side` x `side` pixels at a wind [m/s] for several sensors; write the files to `directory`."""
     from deglint.raster.simulated import write_scene
 
-    setups = [
-        Setup(sensor=s, size=(side, side), wind=wind, sky="cardioidal", objects=objects(side, s.gsd), seed=SEED + seed)
-        for s in sensors
-    ]
+    largest, setups = min(OBJECT, side / 4 / len(REFLECTANCES)), []
+    for s in sensors:
+        squares = thesis_array((side, side), s.gsd, reflectances=REFLECTANCES, sides=(largest,), depth=DEPTH)
+        setup = Setup(sensor=s, size=(side, side), wind=wind, sky="cardioidal", objects=squares, seed=SEED + seed)
+        setups.append(setup)
     made = enumerate(simulate_together(setups))
-    return [TrueScene(one, write_scene(one, directory / f"scene-{n}", overwrite=True, truth=False)[0])
-            for n, one in made]  # fmt: skip
+    return [TrueScene(one, write_scene(one, directory / f"sea{n}", overwrite=True, truth=False)[0]) for n, one in made]

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from deglint.cli.options import FILE, Grouped, heading, names
+from deglint.cli import options
 from deglint.cli.running import Console
 
 from . import command_line
@@ -16,22 +16,24 @@ from . import command_line
 log = logging.getLogger(__name__)
 
 
-@click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("out", default="benchmark.html", type=FILE, metavar="[OUT.html]")
-@heading("What to do")
+@click.command(cls=options.Grouped, context_settings=options.SETTINGS)
+@click.argument("out", default="benchmark.html", type=options.FILE, metavar="[OUT.html]")
+@options.heading("What to do")
 @click.option("--quick", is_flag=True, help="One wind and small scenes: seconds, not minutes.")
-@click.option("--only", multiple=True, callback=names, metavar="NAME[,NAME]",
-              help="These methods, or 'default' (deglint remove without options). [default: all]")  # fmt: skip
-@click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
-              help="Scenes of each condition. [default: 5; with --quick 2]")  # fmt: skip
-@heading("Output")
 @click.option(
-    "--json", "json_file", type=FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]"
+    "--only",
+    multiple=True,
+    callback=options.names,
+    metavar="NAME[,NAME]",
+    help="These methods, or 'default' (deglint remove without options). [default: all]",
 )
+@click.option(
+    "--seeds", type=click.IntRange(1, 1000), metavar="N", help="Scenes of each condition. [default: 5; with --quick 2]"
+)
+@options.heading("Output")
+@click.option("--json", type=options.FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@heading("Messages")
-@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+@options.messages
 def bench(out: str, **given: Any) -> None:
     """Measure every removal method on simulated scenes: error, run time, objects found, ROC curves. Writes a page,
     OUT.html (by default benchmark.html), and every number, OUT.html.json.
@@ -39,7 +41,7 @@ def bench(out: str, **given: Any) -> None:
     \b
     rxdetect bench --quick
     rxdetect bench report.html --only hedley,multiband,default --seeds 3
-    """  # fmt: skip
+    """
     from deglint.raster.output import Scratch, write_json, write_text
     from deglint.raster.targets import check_targets
 
@@ -49,7 +51,7 @@ def bench(out: str, **given: Any) -> None:
     from ..report.page import check_installed
 
     check_installed("rxdetect bench")
-    targets = Path(out), Path(given["json_file"] or f"{out}.json")
+    targets = Path(out), Path(given["json"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
     for name in given["only"]:
@@ -67,8 +69,7 @@ def bench(out: str, **given: Any) -> None:
         for name, reason in found.refused.items():
             log.info("%s is left out: %s", name, reason)
         seconds = time.perf_counter() - start
-        made = provenance(command_line(out), quick=given["quick"], seeds=effort.seeds,
-                          seconds=seconds, load=load)  # fmt: skip
+        made = provenance(command_line(out), quick=given["quick"], seeds=effort.seeds, seconds=seconds, load=load)
         with Scratch(overwrite=given["overwrite"]) as scratch:
             write_text(scratch, targets[0], report.page(found, made))
             write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from deglint.cli.options import FILE, Grouped, heading
+from deglint.cli import options
 from deglint.cli.running import Console
 
 from . import command_line
@@ -18,28 +18,29 @@ log = logging.getLogger(__name__)
 
 
 # fmt: off
-@click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("scores", nargs=-1, required=True, type=FILE, metavar="SCORES [SCORES ...]")
-@click.argument("truth", type=FILE, metavar="TRUTH")
-@heading("What to do")
+@click.command(cls=options.Grouped, context_settings=options.SETTINGS)
+@click.argument("scores", nargs=-1, required=True, type=options.FILE, metavar="SCORES [SCORES ...]")
+@click.argument("truth", type=options.FILE, metavar="TRUTH")
+@options.heading("What to do")
 @click.option("--per-object", is_flag=True, help="Count objects found and false alarms (connected parts), too.")
 @click.option("--connected", is_flag=True, help="Connected pixels of TRUTH are an object, whatever their numbers.")
-@click.option("--mask", type=FILE, metavar="FILE|WINDOW",
+@click.option("--mask", type=options.FILE, metavar="FILE|WINDOW",
               help="Judge only here: a raster (not 0), GeoJSON or window of pixels.")
-@click.option("--pfa-max", type=click.FloatRange(0, 1, min_open=True), default=0.1, show_default=True, metavar="PFA",
+@click.option("--pfa-max", type=click.FloatRange(0, 1, min_open=True), default=0.1, metavar="PFA",
               help="Partial areas and object counts go up to this false-alarm rate.")
-@click.option("--bootstrap", "draws", type=click.IntRange(0, 100_000), default=1000, show_default=True, metavar="N",
+@click.option("--bootstrap", "draws", type=click.IntRange(0, 100_000), default=1000, metavar="N",
               help="Draws of objects and blocks for the intervals; 0: none.")
 @click.option("--block", type=click.IntRange(1), metavar="PIXELS",
               help="Side of those blocks. [default: 1/24 of the scene, at least 16]")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Seed of the draws.")
+@click.option("--seed", type=click.IntRange(0), default=0, metavar="N", help="Seed of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
-@heading("Output")
-@click.option("--report", type=FILE, metavar="FILE.html", help="Write the report, one file; FILE.html.json beside it.")
+@options.heading("Output")
+@click.option("--report", type=options.FILE, metavar="FILE.html",
+              help="Write the report, one file; FILE.html.json beside it.")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@heading("Messages")
+@options.heading("Messages")
 @click.option("--json", "as_json", is_flag=True, help="Print every number as JSON on stdout, and nothing else there.")
-@click.option("-v", "--verbose", count=True, help="Say more; -vv: a traceback where it fails.")
+@click.option("-v", "--verbose", count=True, show_default=False, help="Say more; -vv: a traceback where it fails.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     """Print for each detector what its SCORES find of the TRUTH: area under the ROC curve, rates of detection.
@@ -83,6 +84,5 @@ def roc(scores: tuple[str, ...], truth: str, **given: Any) -> None:
     if given["as_json"]:
         click.echo(json.dumps(numbers, indent=2))
     elif not given["quiet"]:
-        for line in table(numbers):
-            click.echo(line)
+        click.echo("\n".join(table(numbers)))
 # fmt: on

@@ -67,7 +67,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
 @click.option("--largest-object", default="400,60", callback=pair(float, "LENGTH,WIDTH", "400,60"),
               metavar="LENGTH,WIDTH", help="For sea: length and width of the largest object that floats, in metres; "
               "0,0 searches the mask as it is.")
-@click.option("--side", type=options.ChoiceFromTable("SIDES", "detect.sea", "auto"), default="auto",
+@click.option("--side", type=options.ChoiceFromTable("SIDES", "detect.sea.model", "auto"), default="auto",
               help="For sea: search what is brighter than the water around, or also what is darker. auto: bright from "
               "pixels of 5 m on, else both.")
 @click.option("--moving", is_flag=True,

@@ -19,7 +19,6 @@ from deglint.raster.info import gdal_errors
 from deglint.raster.output import Scratch, write_bytes, write_json, write_text
 from deglint.readers import open_scene
 from deglint.readers.grid import at
-from deglint.readers.roles import band_roles
 from deglint.readers.text import read_json
 from deglint.scene import Scene
 from deglint.tiles import Tile
@@ -53,9 +52,7 @@ def to_wgs84(scene: Scene) -> Move | None:
         except gdal_errors(ValueError):
             places = np.array([[math.inf]])
         if not np.isfinite(places).all():
-            raise InputError(
-                f"objects of {scene.path} lie outside the projection of its CRS. Leave them out by --mask."
-            )
+            raise InputError(f"objects of {scene.path} lie outside the projection of its CRS. Leave them out: --mask.")
         return [(x, y) for x, y in places.T.tolist()]
 
     try:
@@ -121,9 +118,11 @@ def described(found: Object, kind: str, rate: float, real: float, move: Move | N
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {
-        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max, "false_per_km2": rate if known else None,
-        "probability": real if math.isfinite(real) else None, "kind": kind,
-    }  # fmt: skip
+        "score": -math.log10(max(rate, 1e-300)) if known else found.score_max,
+        "false_per_km2": rate if known else None,
+        "probability": real if math.isfinite(real) else None,
+        "kind": kind,
+    }
     length, width, angle = rectangle(found.footprint)
     bearing = None
     if move is not None:
@@ -149,7 +148,7 @@ def write_chips(scene: Scene, folder: Path, scores: Any, found: Sequence[Object]
     scenes, names = [*_raw_of(scene), scene], list[str]()
     for o in found:
         rows, columns = (_around(*ends, size) for ends, size in zip(o.bounds, scene.shape[1:], strict=True))
-        images = [each.read((rows, columns), bands=_rgb(each)) for each in scenes]
+        images = [each.read((rows, columns), bands=each.rgb(range(len(each.bands)))) for each in scenes]
         images.append(np.stack([scores.read(1, window=(rows, columns))] * 3))
         panels = [natural_colour([image])[0] for image in images]
         times = max(-(-_SIZE // max(panels[0].shape[:2])), 1)
@@ -166,13 +165,6 @@ def _around(start: int, stop: int, size: int) -> tuple[int, int]:
     side = min(max(stop - start + 2 * _CHIP_MARGIN, CHIP_SIDE), size)
     low = min(max((start + stop - side) // 2, 0), size - side)
     return low, low + side
-
-
-def _rgb(scene: Scene) -> list[int]:
-    """0-based bands for red, green and blue; if not all three are known, one band three times (a grey picture)."""
-    roles = band_roles(scene)
-    known = [i for role in ("red", "green", "blue") if (i := roles[role]) is not None]
-    return known if len(known) == 3 else [(known or [0])[0]] * 3
 
 
 def _raw_of(scene: Scene) -> list[Scene]:
@@ -208,16 +200,14 @@ def write_features(scratch: Scratch, path: Path, document: dict[str, Any], *, ge
         db.executescript(sql)
         declared = "".join(f', "{name}" {kind}' for name, kind in columns.items())
         db.execute(f"CREATE TABLE objects (fid INTEGER PRIMARY KEY AUTOINCREMENT, geom MULTIPOLYGON{declared})")
-        db.execute(
-            "INSERT INTO gpkg_contents (table_name, data_type, identifier, min_x, min_y, max_x, max_y, srs_id) "
-            "VALUES ('objects', 'features', 'objects', ?, ?, ?, ?, ?)", (*whole, srs),
-        )  # fmt: skip
+        layer = "table_name, data_type, identifier, min_x, min_y, max_x, max_y, srs_id"
+        values = "'objects', 'features', 'objects', ?, ?, ?, ?, ?"
+        db.execute(f"INSERT INTO gpkg_contents ({layer}) VALUES ({values})", (*whole, srs))
         db.execute("INSERT INTO gpkg_geometry_columns VALUES ('objects', 'geom', 'MULTIPOLYGON', ?, 0, 0)", (srs,))
-        db.executemany(
-            f"INSERT INTO objects VALUES (NULL, ?{', ?' * len(columns)})",
-            [(_binary(feature["geometry"], srs), *(str(v) if isinstance(v := row.get(c), list) else v for c in columns))
-             for row, feature in zip(rows, document["features"], strict=True)],
-        )  # fmt: skip
+        insert = f"INSERT INTO objects VALUES (NULL, ?{', ?' * len(columns)})"
+        for row, feature in zip(rows, document["features"], strict=True):
+            cells = (str(v) if isinstance(v := row.get(c), list) else v for c in columns)
+            db.execute(insert, (_binary(feature["geometry"], srs), *cells))
 
 
 def _binary(geometry: dict[str, Any], srs: int) -> bytes:

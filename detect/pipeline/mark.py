@@ -11,11 +11,10 @@ import numpy as np
 from deglint.raster.output import Scratch
 from deglint.tiles import LONGEST_SIDE, tiles
 
-from .. import sea
 from ..arrays import Array, Int64
 from ..objects import Object, find_among, to_geojson
-from ..sea.region import likeness, rectangle
-from ..sea.search import Rated, rated_objects
+from ..sea.region import ALONGSIDE, likeness, rectangle
+from ..sea.search import LOW, Clutter, Rated, clutter_of, rated_objects
 from ..threshold import Tail, Threshold, from_chi2, from_f, from_quantile, from_tail
 from .features import described, motions, to_wgs84, write_chips, write_features
 from .plan import Plan
@@ -30,8 +29,7 @@ its rank may be false, and even if none is known to be false, there may be up to
 
 def joined(parts: Sequence[Places]) -> Places:
     """Join the pixels of several tiles, (rows, columns, scores) each, and sort them in row-major order."""
-    start = (*np.zeros((2, 0), np.int64), np.zeros(0, np.float32))  # if there are no pixels
-    rows, columns, scores = (np.concatenate(part) for part in zip(start, *parts, strict=True))
+    rows, columns, scores = map(np.concatenate, zip(*parts, strict=True))
     order = np.lexsort((columns, rows))
     return rows[order], columns[order], scores[order]
 
@@ -48,7 +46,7 @@ class Marker:
     @property
     def _strata(self) -> int:
         """Number of kinds of objects that share the false-alarm rate: 1 (afloat), or 2 (also alongside a quay)."""
-        return 2 if len(self.beside[sea.ALONGSIDE][0]) else 1
+        return 2 if len(self.beside[ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
         """Threshold for the requested false-alarm rate; for "sea" from scores without those of confirmed objects."""
@@ -70,12 +68,12 @@ class Marker:
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property
-    def _clutter(self) -> sea.Clutter:
+    def _clutter(self) -> Clutter:
         """The clutter: scores of the sea without confirmed objects, which are large and bright."""
         model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
-        found = find_among(*self._above(sea.LOW * model.q90, self.beside[sea.ALONGSIDE]))
-        return sea.clutter_of(self.tail, found, model.q90, area=area, fine=model.fine)
+        found = find_among(*self._above(LOW * model.q90, self.beside[ALONGSIDE]))
+        return clutter_of(self.tail, found, model.q90, area=area, fine=model.fine)
 
     def _above(self, value: float, *without: Places) -> Places:
         """Pixels with scores greater than `value`, except the pixels in `without`; the raster is read in strips."""
@@ -94,25 +92,24 @@ class Marker:
 
     def _found(self, pixels: Places, above: float = -math.inf) -> list[Object]:
         """Objects among some pixels, by `min_size` and `merge_distance` of the recipe; `above`: see `find_among`."""
-        recipe = self.plan.recipe
+        recipe, area = self.plan.recipe, self.plan.pixel_area
         return find_among(
-            *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance,
-            pixel_area=self.plan.pixel_area,
-        )  # fmt: skip
+            *pixels, above=above, min_size=recipe.min_size, merge_distance=recipe.merge_distance, pixel_area=area
+        )
 
     def objects(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold; for "sea" by ascending number of false objects per km2, if known."""
         if self.plan.model is None:
             return [Rated(o, "anomaly", math.nan, math.nan) for o in self._found(self._above(threshold.value))]
-        rated = self._afloat(threshold, self.plan.model)
+        rated = self._afloat(threshold)
         rated += self._alongside(threshold, len(rated))
         if self._clutter.area > 0:
             rated.sort(key=lambda r: (r.rate, -r.found.score_top))
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
-    def _afloat(self, threshold: Threshold, model: sea.SeaModel) -> list[Rated]:
+    def _afloat(self, threshold: Threshold) -> list[Rated]:
         """Objects above the threshold that are not attached to land."""
-        low = min(sea.LOW * model.q90, threshold.value)
+        low = min(self._clutter.low, threshold.value)
         found = self._found(self._above(low, *self.beside.values()), threshold.value)
         if threshold.method == "peaks":
             found = [o for o in found if o.score_top > threshold.value]
@@ -122,15 +119,11 @@ class Marker:
         """Objects above the threshold alongside a quay, at rates up to that of the objects afloat (`afloat` in all)."""
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
-        found = [o for o in self._found(self.beside[sea.ALONGSIDE]) if o.score_max > dimmest]
+        found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]
         found.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         most = clutter.false_per_km2(threshold.value) if threshold.method == "peaks" else afloat / clutter.area
-        rates = [(rank + _UNKNOWN_PIERS) / clutter.area for rank in range(1, len(found) + 1)]  # each may be a pier
-        return [
-            Rated(o, "alongside", self._strata * rate, math.nan)
-            for o, rate in zip(found, rates, strict=True)
-            if not rate > most
-        ]
+        rated = [((rank + _UNKNOWN_PIERS) / clutter.area, o) for rank, o in enumerate(found, 1)]  # each may be a pier
+        return [Rated(o, "alongside", self._strata * rate, math.nan) for rate, o in rated if not rate > most]
 
     def write(self, threshold: Threshold, targets: Outputs, scratch: Scratch) -> int | None:
         """Write the objects above a threshold to `targets.objects`; return their number, or None without this file."""

@@ -4,14 +4,15 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from deglint import tiles as tiling
+from deglint.checks import from_plain
 from deglint.errors import BandError, DeglintError, InputError, NoWaterError
-from deglint.masks import Roles, WaterRule, water
+from deglint.masks import WaterRule, water
 from deglint.pipeline.overview import block_of, overview_of, roles_of
 from deglint.raster.environment import enter_thread
 from deglint.readers.areas import Area, open_area
@@ -21,12 +22,13 @@ from deglint.readers.text import read_json, read_text
 from deglint.scene import Scene
 from deglint.tiles import Tile
 
-from .. import sea
 from ..arrays import Array, Mask, Uint8
 from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
-from ..sea import SeaModel, SeaRule
+from ..sea.model import LEAST_WATER, SeaModel
+from ..sea.model import fit as fit_sea
+from ..sea.region import WATER, SeaRule, region
 from .recipe import Recipe
 
 Progress = Callable[[str, int, int], None]
@@ -63,6 +65,7 @@ class Plan:
     water: Water | None  # rule that finds the water to score, in place of `mask`; both None: score everywhere
     area: Area | None
     given: Background | None
+    pixel_area: float | None  # [m2]; None where it is not known
     notes: tuple[str, ...]  # reasons of decisions, for the user
     window: WindowRule | None = None  # for "local"
     sea: SeaRule | None = None  # for "sea"
@@ -90,11 +93,6 @@ class Plan:
         """Width of the margin around a tile that is read to score it [pixel], without that of the rule in `water`."""
         return sum(part.halo for part in (self.window, self.sea, self.model) if part is not None)
 
-    @cached_property
-    def pixel_area(self) -> float | None:
-        """Area of a pixel [m2]; None where it is not known."""
-        return _pixel_area(self.scene)
-
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the bands in use."""
@@ -118,7 +116,8 @@ def make_plan(
 
     If `single`, or if a background is given, "auto" takes no "sea", which has no background of the whole scene.
     """
-    recipe, mask, sea_mask, notes = _chosen(scene, recipe, threads, single or given is not None)
+    recipe, mask, sea_mask, why = _chosen(scene, recipe, threads, single or given is not None)
+    notes = [why] if why else []
     if given and recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background of its own for every pixel: leave out the one given.")
     given, area = (given, None) if given else _background(scene, recipe)
@@ -133,6 +132,8 @@ def make_plan(
     if sea_mask is not None:
         notes.append(sea_mask[0].reason)
     size = (scene.height, scene.width)
+    # from georeferencing, the tag GSD_M, or the sensor
+    pixel_area = ground_area(scene.transform, scene.crs, *size) or (pixel_size(scene) or 0) ** 2 or None
     shape, own = tiling.tile_shape(*size, len(bands), block_of(scene)), dict[str, Any]()
     if recipe.method == "local":
         rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
@@ -143,40 +144,33 @@ def make_plan(
         own = {"window": WindowRule(*recipe.window, size, recipe.border, recipe.ddof, ridge)}
     elif recipe.method == "sea":
         shape = SEA_TILE, SEA_TILE
-        if (area_known := _pixel_area(scene)) is None and recipe.false_per_km2 is not None:
+        if pixel_area is None and recipe.false_per_km2 is not None:
             raise InputError(f"false-per-km2 needs the size of a pixel, and {scene.path} has no CRS. Give --pfa.")
-        side = math.sqrt(area_known or UNKNOWN_PIXEL**2)
-        own = {"sea": SeaRule(side, *recipe.largest_object), "glint": _between(scene, *_NIR)}
+        rule = SeaRule(math.sqrt(pixel_area or UNKNOWN_PIXEL**2), *recipe.largest_object)
+        own = {"sea": rule, "glint": _between(scene, *_NIR)}
     elif recipe.method == "lines":
         shape, threads = (min(max(block_of(scene)[0], _STRIP_LINES), SEA_TILE), scene.width), 1
-    at_once = tiling.affordable(threads, shape, 2 * len(bands))
-    return Plan(scene, recipe, bands, nir, tiling.tiles(*size, shape), shape, at_once, mask, sea_mask, area, given,
-                tuple(notes), **own)  # fmt: skip
+    cells, at_once = tiling.tiles(*size, shape), tiling.affordable(threads, shape, 2 * len(bands))
+    said = tuple(notes)
+    return Plan(scene, recipe, bands, nir, cells, shape, at_once, mask, sea_mask, area, given, pixel_area, said, **own)
 
 
-def _pixel_area(scene: Scene) -> float | None:
-    """Area of a pixel [m2]: from georeferencing, the tag GSD_M, or the sensor; None if unknown."""
-    return ground_area(scene.transform, scene.crs, scene.height, scene.width) or (pixel_size(scene) or 0) ** 2 or None
-
-
-def _chosen(
-    scene: Scene, recipe: Recipe, threads: int, single: bool
-) -> tuple[Recipe, Area | None, Water | None, list[str]]:
-    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reasons."""
+def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[Recipe, Area | None, Water | None, str]:
+    """Replace "auto" in a recipe; return the recipe, the values of `Plan.mask` and `Plan.water`, and the reason."""
     if recipe.method != "auto":
-        return *_masked(scene, recipe, threads), []
+        return *_masked(scene, recipe, threads), ""
     method, why = _without_sea(scene, recipe, single)
     if not why:
         try:
             searched = replace(recipe, method="sea")
-            return *_masked(scene, searched, threads), ["auto: sea, since there is water to compare with"]
+            return *_masked(scene, searched, threads), "auto: sea, since there is water to compare with"
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
             why = re.split(r"; |\. ", str(error))[0]
     if recipe.false_per_km2 is not None:
         raise InputError(f"false-per-km2 needs the sea, and auto takes {method}: {why}. Give --pfa, or --method sea.")
-    return *_masked(scene, replace(recipe, method=method), threads), [f"auto: {method}, since {why}"]
+    return *_masked(scene, replace(recipe, method=method), threads), f"auto: {method}, since {why}"
 
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
@@ -242,7 +236,7 @@ def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     reasons = (
         (single, "it compares all pixels with one background"),
         (bands > _MANY, f"{bands} bands tell targets by their spectrum"),
-        (pixels < sea.LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
+        (pixels < LEAST_WATER, f"{pixels} pixels are too few for statistics of water"),
     )
     return "rx", next((why for holds, why in reasons if holds), "")
 
@@ -259,11 +253,11 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     """
     _roles, bands = roles_of(scene, nir)
     try:
-        numbers: dict[str, Any] = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
-        roles = Roles(**{k: v for k, v in numbers.pop("roles").items() if k in Roles.__dataclass_fields__})
-        rule = WaterRule(roles=roles, **{k: v for k, v in numbers.items() if k in WaterRule.__dataclass_fields__})
+        numbers = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
+        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # not finite
     except (DeglintError, KeyError, TypeError, ValueError):
         return None
+    roles = rule.roles
     same = max(roles.nir, *roles.visible) < len(bands) and bands[roles.nir] == nir
     return (rule, bands) if rule.has_water and same else None
 
@@ -303,7 +297,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
-        count = int(np.count_nonzero(classes == sea.WATER))
+        count = int(np.count_nonzero(classes == WATER))
         if not count:
             continue
         blocks.append((block, classes))
@@ -315,7 +309,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
     pixel = rule.pixel if plan.pixel_area else None
-    return sea.fit(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
+    return fit_sea(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
@@ -325,4 +319,4 @@ def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
     water = valid if mask is None else np.logical_and(mask, valid)
-    return block, sea.region(water, rule, valid), nir
+    return block, region(water, rule, valid), nir

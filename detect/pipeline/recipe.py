@@ -10,7 +10,7 @@ from deglint.errors import InputError
 from ..background import RIDGE, check_rule
 from ..local import BORDERS
 from ..rx import METHODS, Method
-from ..sea import SIDES
+from ..sea.model import SIDES
 from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
@@ -88,20 +88,19 @@ class Recipe:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
         allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
-        for wrong, message in (
-            (self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)),
-             (f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
-             f"{' or '.join(allowed)}.")),
-            (rate is not None and not rate > 0, f"false-per-km2: allowed is above 0, got {rate}."),
-            (rate is not None and self.pfa is not None,
-             "pfa and false-per-km2 both state the false-alarm rate: give one of them."),
-            (rate is not None and method not in ("auto", "sea"),
-             f"false-per-km2 needs --method sea, got {method}. Give --pfa."),
-            (self.threshold in ("chi2", "f") and not self.kind.law and (method == "sea" or self.pfa is not None),
-             f"{method} scores follow neither chi-squared nor F: take --threshold gpd or empirical."),
-        ):  # fmt: skip
-            if wrong:
-                raise InputError(message)
+        if self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)):
+            raise InputError(
+                f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
+                f"{' or '.join(allowed)}."
+            )
+        if rate is not None and not rate > 0:
+            raise InputError(f"false-per-km2: allowed is above 0, got {rate}.")
+        if rate is not None and self.pfa is not None:
+            raise InputError("pfa and false-per-km2 both state the false-alarm rate: give one of them.")
+        if rate is not None and method not in ("auto", "sea"):
+            raise InputError(f"false-per-km2 needs --method sea, got {method}. Give --pfa.")
+        if self.threshold in ("chi2", "f") and not self.kind.law and (method == "sea" or self.pfa is not None):
+            raise InputError(f"{method} scores follow neither chi-squared nor F: take --threshold gpd or empirical.")
 
     @property
     def kind(self) -> Method:
@@ -132,25 +131,22 @@ class Outputs:
 
     def check(self, recipe: Recipe) -> None:
         """Raise InputError if the recipe cannot produce an output, or an extension or a combination is not allowed."""
-        for wrong, message in (
-            (self.objects and not recipe.thresholded,
-             ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
-             "--false-per-km2.")),
-            (recipe.moving and not self.objects,
-             "--moving gives objects a speed and a heading: give --objects FILE, too."),
-            (self.chips and self.chips.exists() and not self.chips.is_dir(),
-             f"{self.chips} (--chips) is a file: name a folder."),
-            (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
-            (self.objects and self.objects.suffix.lower() not in SUFFIXES,
-             f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),
-            (self.p_value and not recipe.kind.law,
-             f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx."),
-            (self.background and recipe.kind.matrices is None,
-             (f"{recipe.method} has a background for every pixel, none to save. Leave out --save-background, or take "
-             "--method rx.")),
-        ):  # fmt: skip
-            if wrong:
-                raise InputError(message)
+        if self.objects and not recipe.thresholded:
+            wanted = "--pfa, the false alarms wanted per pixel, such as 1e-4, or --false-per-km2"
+            raise InputError(f"objects need a threshold: give {wanted}.")
+        if recipe.moving and not self.objects:
+            raise InputError("--moving gives objects a speed and a heading: give --objects FILE, too.")
+        if self.chips and self.chips.exists() and not self.chips.is_dir():
+            raise InputError(f"{self.chips} (--chips) is a file: name a folder.")
+        if self.chips and not self.objects:
+            raise InputError("chips are pictures of objects: give --objects FILE, too.")
+        if self.objects and self.objects.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}.")
+        if self.p_value and not recipe.kind.law:
+            raise InputError(f"{recipe.method} scores follow no known law, so they have no p-values. Take --method rx.")
+        if self.background and recipe.kind.matrices is None:
+            remedy = "Leave out --save-background, or take --method rx"
+            raise InputError(f"{recipe.method} has a background for every pixel, none to save. {remedy}.")
 
     @property
     def sidecar(self) -> Path:

@@ -30,9 +30,9 @@ from deglint.readers.undeclared import settled
 from deglint.scene import Scene
 from deglint.timing import Reporter
 
-from .. import sea
 from ..background import Background
 from ..local import STATES
+from ..sea.model import SEA_WINDOW
 from ..threshold import Tail, Threshold
 from .features import motions
 from .mark import CANDIDATES, Marker, Places, joined
@@ -80,9 +80,15 @@ class Result:
 
 @checked_keywords(*READING, *FILES, "overwrite", "options")
 def score_file(
-    source: str | Path | Sequence[str | Path], image: str | Path, recipe: Recipe | None = None, *,
-    threads: int | None = None, progress: Progress | None = None, cluster: Cluster | None = None, **options: Any,
-) -> Result:  # fmt: skip
+    source: str | Path | Sequence[str | Path],
+    image: str | Path,
+    recipe: Recipe | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    cluster: Cluster | None = None,
+    **options: Any,
+) -> Result:
     """Score how anomalous every pixel of a raster file is.
 
     Parameters
@@ -129,17 +135,21 @@ def score_file(
         reads = {"the input": [*given, *files], **{option: [name] for option, name in named.items()}}
         check_targets(targets.every(), reads, overwrite=targets.overwrite)
         check_images(targets.image, targets.flags, targets.p_value)
-        # before the files are opened, so that a change during the run is detected
-        checksum = Checksum(files, [recipe.background, recipe.mask])
+        checksum = Checksum(files, [recipe.background, recipe.mask])  # before opening: a later change is detected
         scene = settled(open_scene(source, **reading))
         with raster_of(scene):
             return _run(scene, checksum, recipe, targets, threads, progress or Reporter(), cluster)
 
 
 def _run(
-    scene: Scene, checksum: Checksum, recipe: Recipe, targets: Outputs, threads: int, progress: Progress,
+    scene: Scene,
+    checksum: Checksum,
+    recipe: Recipe,
+    targets: Outputs,
+    threads: int,
+    progress: Progress,
     cluster: Cluster | None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Do all steps of `score_file` for an open scene: fit, score, mark objects, and write the files `targets`."""
     begun = time.perf_counter()
     log_scene(scene)
@@ -190,7 +200,7 @@ def _run(
 def _write_tiles(
     scratch: Scratch, plan: Plan, targets: Outputs, run: tiling.Run, progress: Progress
 ) -> tuple[PixelCounts, Tail | None, dict[int, Places]]:
-    """Score and write all tiles; return pixel counts, highest scores, and pixels of `sea.ALONGSIDE`, `sea.ATTACHED`."""
+    """Score and write all tiles; return pixel counts, highest scores, and pixels attached to land, by class."""
     recipe, pixels = plan.recipe, plan.scene.height * plan.scene.width
     rate = max(recipe.pfa or 0.0, CANDIDATES if plan.sea else 0.0)
     keep = Tail.keep_for(rate, pixels) if recipe.thresholded else 0
@@ -206,7 +216,7 @@ def _write_tiles(
             tails += [scored.tail] if scored.tail else []
             if sum(len(tail.values) for tail in tails) > 2 * keep:
                 tails = [Tail.merge(tails)]
-    attached = {which: joined([each[which] for each in beside]) for which in (sea.ALONGSIDE, sea.ATTACHED)}
+    attached = {which: joined([each[which] for each in beside]) for which in (beside[0] if beside else ())}
     return tally, Tail.merge(tails) if tails else None, attached
 
 
@@ -217,9 +227,8 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
     if info.compression == "deflate" and "compress" not in map(str.lower, options):
         options = {"ZLEVEL": "1", **options}  # scores are noise: a higher level doubles the time, not the compression
     info = replace(info, band_tags=({},) * info.count)  # the band of scores has no wavelength
-    base = Layout(
-        info, (0,), "float32", float("nan"), options, scaled=False, names=(plan.recipe.method,), tile=plan.shape
-    )
+    names = (plan.recipe.method,)
+    base = Layout(info, (0,), "float32", float("nan"), options, scaled=False, names=names, tile=plan.shape)
     images = {"scores": (targets.image, base)}
     if targets.p_value:
         images["p_values"] = targets.p_value, replace(base, names=("p-value",))
@@ -262,7 +271,7 @@ def _notes_on(plan: Plan) -> list[str]:
         what = "brighter or darker" if plan.model.side == "both" else "brighter"
         even = ", relative to water of the same NIR" if plan.model.glint else ""
         notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
-        notes.append(f"sea: searched for what is {what} than the water within {sea.SEA_WINDOW} pixels{even}")
+        notes.append(f"sea: searched for what is {what} than the water within {SEA_WINDOW} pixels{even}")
     if background := plan.background:
         where = "read from a file" if plan.given else f"{background.n} pixels"
         shrunk = f", {background.rule} {background.shrinkage:.3g}" if background.shrinkage else ""
@@ -274,11 +283,8 @@ def _warnings_of(plan: Plan, threshold: Threshold | None, tally: PixelCounts) ->
     """Warnings about the reliability of the scores, one line each."""
     said = []
     if background := plan.background:
-        if background.rank < background.bands:
-            said.append(
-                f"{background.bands - background.rank} of {background.bands} bands do not vary or follow from others: "
-                "scored as if they were not there"
-            )
+        if extra := background.bands - background.rank:
+            said.append(f"{extra} of {background.bands} bands do not vary or follow from others: they do not count")
         if background.n < _FEW_PIXELS * background.bands:
             said.append(
                 f"the background has {background.n} pixels for {background.bands} bands: scores follow F, "

@@ -2,17 +2,19 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from deglint.tiles import Tile
 
-from .. import sea
 from ..arrays import Float32, Mask, Uint8
 from ..lines import LineScorer
 from ..local import DEFICIENT, STATES, TOO_FEW, score_part
 from ..rx import score
+from ..sea.model import SeaModel
+from ..sea.model import score as score_sea
+from ..sea.region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, SeaRule
 from ..threshold import Tail, p_value
 from .mark import Places
 from .plan import Plan, read_sea
@@ -30,6 +32,8 @@ MEANINGS = {
     BESIDE_LAND: "sea: no water, attached to land, with the size and shape of a ship or a short pier",
 }
 """Bits of the flag raster, and their meanings; 0: the pixel has a score, and there is nothing to note."""
+_SEA_FLAGS = {NOT_SEA: MASKED_OUT, RIM: ON_RIM, AFLOAT: FLOATS, ATTACHED: FLOATS, ALONGSIDE: BESIDE_LAND}
+"""Bits of the classes of `detect.sea.region`."""
 
 
 @dataclass
@@ -79,10 +83,9 @@ class Scoring:
             return self._of_sea(tile, outer, plan.sea, plan.model)
         block = plan.scene.source.read(outer.window, list(plan.bands))
         mask = plan.read_mask(outer)
-        states = None
+        states = np.zeros(tile.shape, np.uint8)
         if plan.window is not None:
-            states = np.zeros(tile.shape, np.uint8)
-            scores = score_part(block, plan.window, outer, tile, mask, flags=states)
+            scores, states = score_part(block, plan.window, outer, tile, mask)
             block, mask = block[tile.within(outer)], None if mask is None else mask[tile.within(outer)]
         elif plan.ready is not None:
             scores = score(block, plan.ready, mask)
@@ -97,29 +100,24 @@ class Scoring:
         if self.want_flags:
             area = None if plan.area is None else plan.area.read(tile.window)
             marks = [(m == 0, bit) for m, bit in ((mask, MASKED_OUT), (area, NOT_BACKGROUND)) if m is not None]
-            if states is not None:
-                marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
+            marks += [(states == DEFICIENT, PSEUDO_INVERSE), (states == TOO_FEW, NO_RING)]
             flags = _flags(np.asarray(np.isfinite(block).all(axis=0)), marks)
         return Scored(found, _count(found, mask, states), tail, p_values, flags)
 
-    def _of_sea(self, tile: Tile, outer: Tile, rule: sea.SeaRule, model: sea.SeaModel) -> Scored:
+    def _of_sea(self, tile: Tile, outer: Tile, rule: SeaRule, model: SeaModel) -> Scored:
         """Score and flag a tile for the method "sea", and count its pixels; `outer` is the tile with its halo."""
         block, classes, nir = read_sea(self.plan, rule, outer)
         core = tile.within(outer)
-        scores = sea.score(block, classes, model, nir)[core]
+        scores = score_sea(block, classes, model, nir)[core]
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
-        afloat = np.where(classes == sea.ALONGSIDE, np.float32(np.nan), scores)
+        afloat = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
         tail = Tail.of(afloat, self.keep) if self.keep else None
         flags = None
         if self.want_flags:
-            bits = {
-                sea.NOT_SEA: MASKED_OUT, sea.RIM: ON_RIM, sea.AFLOAT: FLOATS, sea.ATTACHED: FLOATS,
-                sea.ALONGSIDE: BESIDE_LAND,
-            }  # fmt: skip
-            flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in bits.items()])
-        tally = _count(scores, np.isfinite(scores) | ~valid, None)
+            flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in _SEA_FLAGS.items()])
+        tally = _count(scores, np.isfinite(scores) | ~valid, np.zeros_like(classes))
         beside = {}
-        for which in (sea.ALONGSIDE, sea.ATTACHED):
+        for which in (ALONGSIDE, ATTACHED):
             rows, columns = np.nonzero((classes == which) & np.isfinite(scores))
             beside[which] = rows + tile.row0, columns + tile.col0, scores[rows, columns]
         return Scored(scores, tally, tail, None, flags, beside)
@@ -133,8 +131,8 @@ def _flags(valid: Mask, marks: Iterable[tuple[Mask, int]]) -> Uint8:
     return flags
 
 
-def _count(scores: Float32, mask: Any, states: Any) -> PixelCounts:
-    """Count the pixels of a tile by result; `mask` (False: masked out) and `states` (of `score_part`) may be None."""
+def _count(scores: Float32, mask: Mask | None, states: Uint8) -> PixelCounts:
+    """Count the pixels of a tile by result; `mask` (False: masked out) may be None; `states` are of `score_part`."""
     scored = int(np.count_nonzero(np.isfinite(scores)))
     outside = 0 if mask is None else scores.size - int(np.count_nonzero(mask))
     deficient, too_few = (int(np.count_nonzero(states == state)) for state in (DEFICIENT, TOO_FEW))

@@ -50,10 +50,9 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Data from the files of a request: names and scores of detectors, and the truth; arrays are (row, column)."""
+    """Data from the files of a request: scores of detectors, and the truth; arrays are (row, column)."""
 
-    names: tuple[str, ...]
-    scores: tuple[Array, ...]  # higher is more anomalous
+    scores: dict[str, Array]  # by name of the detector; higher is more anomalous
     objects: Int32  # number of the object of each pixel, 0 for background
     valid: Mask  # valid in every score raster and in the truth, and inside the mask
     left_out: dict[str, int]  # number of pixels that are not valid, by reason; a pixel may have several reasons
@@ -105,8 +104,8 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)
     tell = progress or (lambda *_: None)
     judged = []
-    for done, (name, scores) in enumerate(zip(inputs.names, inputs.scores, strict=True)):
-        tell("judge", done, len(inputs.names))
+    for done, (name, scores) in enumerate(inputs.scores.items()):
+        tell("judge", done, len(inputs.scores))
         try:
             judged.append(_judge(name, scores, inputs, request, area))
         except InputError as error:
@@ -118,20 +117,17 @@ def evaluate(request: Request, progress: Any = None) -> Evaluation:
         if j.objects is not None and j.objects.unseen:
             notes.append(f"objects without a valid pixel, neither found nor missed: {len(j.objects.unseen)}")
     n = len(roc.targets) + len(roc.background)
+    scene = {"rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string()}
+    scene |= {"pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6}
+    objects = np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])
+    pixels = {"total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background)}
     numbers = {
-        "scene": {
-            "rows": grid.height, "columns": grid.width, "crs": None if grid.crs is None else grid.crs.to_string(),
-            "pixel_area_m2": area, "area_km2": None if area is None else n * area / 1e6,
-        },
-        "pixels": {
-            "total": inputs.valid.size, "judged": n, "targets": len(roc.targets), "background": len(roc.background),
-            "left_out": dict(inputs.left_out),
-            "objects": len(np.unique(inputs.objects[inputs.valid & (inputs.objects != 0)])),
-        },
+        "scene": scene,
+        "pixels": pixels | {"left_out": dict(inputs.left_out), "objects": len(objects)},
         "detectors": [j.numbers for j in judged],
         "comparisons": [_comparison(a, b, inputs) for a, b in combinations(judged, 2)],
         "notes": list(dict.fromkeys(notes)),
-    }  # fmt: skip
+    }
     return Evaluation(request, inputs, tuple(judged), numbers)
 
 
@@ -139,28 +135,27 @@ def read_inputs(request: Request) -> Inputs:
     """Read the files of a request: score rasters, the truth, which is a raster or a GeoJSON file, and the mask."""
     scores, truth, notes = request.scores, request.truth, list[str]()
     scenes = [open_scene(path) for path in scores]
-    for path, scene in zip(scores[1:], scenes[1:], strict=True):
-        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
-    objects, known = _truth(request, scenes[0], notes)
     for path, scene in zip(scores, scenes, strict=True):
+        _check_grid(scene, f"SCORES {path}", scenes[0], f"SCORES {scores[0]}")
         if len(scene.bands) > 1:
             notes.append(f"{path} has {len(scene.bands)} bands; the first, {scene.bands[0].name}, is judged")
-    arrays = [_first_band(scene) for scene in scenes]
-    names = _names(scores)
+    objects, known = _truth(request, scenes[0], notes)
+    signed = {name: request.sign * _first_band(scene) for name, scene in zip(_names(scores), scenes, strict=True)}
     reasons = {"not valid in the truth": known}
-    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in zip(names, arrays, strict=True)}
+    reasons |= {f"not valid, or not finite, in {n}": ~np.isnan(array) for n, array in signed.items()}
     reasons = {why: ok for why, ok in reasons.items() if not ok.all()}
     if request.mask is not None:
         whole = (0, scenes[0].height), (0, scenes[0].width)
         reasons["outside the mask"] = open_area(request.mask, scenes[0], "--mask").read(whole)
     left_out = {why: int(np.count_nonzero(~ok)) for why, ok in reasons.items()}
     valid = np.logical_and.reduce([known, *reasons.values()])
-    turned = tuple(-array if request.lower else array for array in arrays)
     parts, many = int(label(objects != 0).max(initial=0)), len(np.unique(objects[objects != 0]))
     if parts > many:  # a number may be a class of objects
-        notes.append(f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
-                     "object (--connected: each part is one)")  # fmt: skip
-    return Inputs(names, turned, objects, valid, left_out, scenes[0], tuple(notes))
+        notes.append(
+            f"{many} numbers of {truth} lie in {parts} separate parts; what has one number is judged as one "
+            "object (--connected: each part is one)"
+        )
+    return Inputs(signed, objects, valid, left_out, scenes[0], tuple(notes))
 
 
 def _first_band(scene: Scene) -> Array:
@@ -196,13 +191,10 @@ def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
     for number, feature in enumerate(features, start=1):
         one = {"type": "FeatureCollection", "features": [feature]} | {k: document[k] for k in ("crs",) if k in document}
         area = polygons(one, grid, path)
-        (top, bottom), (left, right) = (
-            np.clip(ends, 0, size).tolist() for ends, size in zip(area.bounds, out.shape, strict=True)
-        )
+        (top, bottom), (left, right) = np.clip(area.bounds, 0, np.array(out.shape)[:, None]).tolist()
         out[top:bottom, left:right][area.read(((top, bottom), (left, right)))] = number
     if lost := len(features) - np.count_nonzero(np.unique(out)):
-        notes.append(f"{lost} of {len(features)} features of {path} hold no pixel's centre in the scene, or only some "
-                     "that later features hold: left out")  # fmt: skip
+        notes.append(f"{lost} of {len(features)} features of {path} hold no pixel's centre of their own: left out")
     return out
 
 
@@ -232,8 +224,9 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
     bands = None
     if request.draws:
         grid = np.unique(np.concatenate([default_grid(len(roc.background)), rates]))
-        bands = bootstrap(scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed,
-                          block=request.block, pfa=grid)  # fmt: skip
+        bands = bootstrap(
+            scores, inputs.objects, inputs.valid, draws=request.draws, seed=request.seed, block=request.block, pfa=grid
+        )
     most = request.pfa_max
     found = object_curve(scores, inputs.objects, roc, inputs.valid, pfa_max=most) if request.per_object else None
     sign, square_km = request.sign, np.count_nonzero(inputs.valid) * (area or math.nan) / 1e6
@@ -244,10 +237,9 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
         points.append(asdict(point) | {"threshold": sign * point.threshold, "pd_low": low, "pd_high": high})
         if found is not None:
             alarms = count_false_alarms(scores > point.threshold, inputs.objects, inputs.valid)
-            points[-1] |= {
-                "objects_found": sum(o.score_max > point.threshold for o in found.objects),
-                "objects": len(found.objects), "false_alarms": alarms, "false_alarms_per_km2": alarms / square_km,
-            }  # fmt: skip
+            seen = sum(o.score_max > point.threshold for o in found.objects)
+            points[-1] |= {"objects_found": seen, "objects": len(found.objects)}
+            points[-1] |= {"false_alarms": alarms, "false_alarms_per_km2": alarms / square_km}
     worst_at = roc.point(min(rates, key=lambda r: abs(math.log(r / 1e-3)), default=1.0))
     worst = false_alarms(scores, inputs.objects, worst_at.threshold, inputs.valid)[:_WORST]
     said: list[dict[str, Any]] = []
@@ -266,35 +258,32 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
     """Summary numbers and some points of a ROC curve, as plain values; `bands` has its bootstrap intervals, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
+    most = request.pfa_max
     return {
         "name": name,
         "auc": roc.auc,
         "delong": {k: v for k, v in asdict(auc_interval(roc)).items() if k != "auc"},
-        "bootstrap": None if bands is None else {
-            "low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error, "level": bands.level,
-            "draws": bands.draws, "seed": bands.seed, "block": bands.block, "objects": bands.objects,
-            "blocks": bands.blocks, "pfa": bands.pfa, "pd_low": bands.low, "pd_high": bands.high,
-        },
-        "partial_auc": {"pfa_max": request.pfa_max, "raw": roc.partial_auc(request.pfa_max),
-                        "mcclish": roc.mcclish(request.pfa_max)},
+        "bootstrap": None if bands is None else _intervals(bands),
+        "partial_auc": {"pfa_max": most, "raw": roc.partial_auc(most), "mcclish": roc.mcclish(most)},
         "average_precision": roc.average_precision,
         "three_d": roc.three_d(),
         "curve": {"pfa": pfa[keep], "pd": pd[keep]},
-    }  # fmt: skip
+    }
+
+
+def _intervals(bands: Bands) -> dict[str, Any]:
+    """Bootstrap intervals of a ROC curve, as plain values for JSON."""
+    same = {name: getattr(bands, name) for name in ("level", "draws", "seed", "block", "objects", "blocks", "pfa")}
+    area = {"low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error}
+    return area | same | {"pd_low": bands.low, "pd_high": bands.high}
 
 
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
     """An `ObjectCurve` as plain values for JSON; `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
-    return {
-        "curve": {
-            "threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found,
-            "false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km,
-        },
-        "unseen": list(found.unseen),
-        "table": [
-            asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects
-        ],
-    }  # fmt: skip
+    curve = {"threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found}
+    curve |= {"false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km}
+    table = [asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects]
+    return {"curve": curve, "unseen": list(found.unseen), "table": table}
 
 
 def _comparison(a: Judged, b: Judged, inputs: Inputs) -> dict[str, Any]:

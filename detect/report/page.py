@@ -42,11 +42,9 @@ def render(package: str, **values: Any) -> str:
 
 def page(found: Evaluation, made: Mapping[str, Any]) -> str:
     """The complete report (HTML) of an evaluation; `made` comes from `provenance`."""
-    return render(
-        "detect.report", found=found, numbers=found.numbers, made=made, objects=_objects(found), counted=counted,
-        as_uri=as_uri, roc_curves=roc_curves, precision_curves=precision_curves,
-        object_curves=object_curves, scene=scene, chips=chips,
-    )  # fmt: skip
+    functions = {f.__name__: f for f in (counted, as_uri, roc_curves, precision_curves, object_curves, scene, chips)}
+    objects = _objects(found)
+    return render("detect.report", found=found, numbers=found.numbers, made=made, objects=objects, **functions)
 
 
 def provenance(request: Request, command: str, seconds: float, checksum: Checksum) -> dict[str, Any]:
@@ -84,21 +82,19 @@ def table(numbers: dict[str, Any]) -> list[str]:
     out += [f"left out: {n} {why}" for why, n in pixels["left_out"].items()]
     rates = [p["pfa_requested"] for p in numbers["detectors"][0]["operating_points"]]
     wide = max(8, *(len(d["name"]) for d in numbers["detectors"]))
-    out += ["", f"{'detector':<{wide}}  {'AUC':>7}  {'interval':>15}  {'pAUC':>8}  {'AP':>7}"
-            + "".join(f"  {f'Pd@{r:.0e}':>9}" for r in rates)]  # fmt: skip
+    heads = f"{'detector':<{wide}}  {'AUC':>7}  {'interval':>15}  {'pAUC':>8}  {'AP':>7}"
+    out += ["", heads + "".join(f"  {f'Pd@{r:.0e}':>9}" for r in rates)]
     for d in numbers["detectors"]:
         span = d["bootstrap"] or d["delong"]
         interval = "not known" if span["low"] is None else f"{span['low']:.4f}-{span['high']:<7.4f}"
-        out.append(
-            f"{d['name']:<{wide}}  {d['auc']:>7.4f}  {interval:>15}  "
-            f"{d['partial_auc']['raw']:>8.5f}  {d['average_precision']:>7.4f}"
-            + "".join(f"  {p['pd']:>9.4f}" for p in d["operating_points"])
-        )
+        areas = f"{d['auc']:>7.4f}  {interval:>15}  {d['partial_auc']['raw']:>8.5f}  {d['average_precision']:>7.4f}"
+        out.append(f"{d['name']:<{wide}}  {areas}" + "".join(f"  {p['pd']:>9.4f}" for p in d["operating_points"]))
     for d in numbers["detectors"]:
         for p in d["operating_points"] if "objects" in d else ():
             per = "" if p["false_alarms_per_km2"] is None else f" ({p['false_alarms_per_km2']:.3g} per km2)"
-            out.append(f"{d['name']}: at Pfa {p['pfa']:.2g}, {p['objects_found']} of {p['objects']} objects found, "
-                       f"{counted(p['false_alarms'], 'false alarm')}{per}")  # fmt: skip
+            objects = f"{p['objects_found']} of {p['objects']} objects found"
+            alarms = f"{counted(p['false_alarms'], 'false alarm')}{per}"
+            out.append(f"{d['name']}: at Pfa {p['pfa']:.2g}, {objects}, {alarms}")
     for c in numbers["comparisons"]:
         span = "" if c["bootstrap_low"] is None else f" ({c['bootstrap_low']:+.4f} to {c['bootstrap_high']:+.4f})"
         out.append(f"AUC of {c['first']} minus {c['second']}: {c['difference']:+.4f}{span}")
@@ -145,13 +141,12 @@ def roc_curves(found: Evaluation) -> Figure:
         pfa, pd = d.roc.vertices
         at = np.sort(np.concatenate([grid, pfa[pfa >= low]]))
         (line,) = ax.plot(at, np.interp(at, pfa, pd), label=d.name)
-        points = d.numbers["operating_points"]
-        ax.plot([p["pfa_requested"] for p in points], [p["pd"] for p in points], "o", fillstyle="none",
-                color=line.get_color())  # fmt: skip
+        points = [(p["pfa_requested"], p["pd"]) for p in d.numbers["operating_points"]]
+        ax.plot(*np.reshape(points, (-1, 2)).T, "o", fillstyle="none", color=line.get_color())
         if d.bands is not None:
             ax.fill_between(d.bands.pfa, d.bands.low, d.bands.high, alpha=0.15, color=line.get_color(), linewidth=0)
-    ax.set(xscale="log", xlim=(low, 1), ylim=(0, 1.02), xlabel="Pfa: background pixels detected",
-           ylabel="Pd: target pixels detected")  # fmt: skip
+    ax.set(xscale="log", xlim=(low, 1), ylim=(0, 1.02))
+    ax.set(xlabel="Pfa: background pixels detected", ylabel="Pd: target pixels detected")
     ax.legend()
     return figure
 
@@ -174,8 +169,8 @@ def object_curves(found: Evaluation) -> Figure:
             # false alarms may merge as the threshold falls
             cost = np.minimum.accumulate(d.objects.false_alarms[::-1])[::-1]
             ax.step(np.maximum(cost, 0.5), d.objects.pd, where="post", label=d.name)
-    ax.set(xscale="log", ylim=(0, 1.02), xlabel="false alarms in the scene (none is drawn at 0.5)",
-           ylabel="objects found")  # fmt: skip
+    ax.set(xscale="log", xlabel="false alarms in the scene (none is drawn at 0.5)")
+    ax.set(ylim=(0, 1.02), ylabel="objects found")
     return figure
 
 

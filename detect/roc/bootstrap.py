@@ -43,13 +43,13 @@ class Bands:
     auc: tuple[float, float]  # interval of the area
     auc_error: float  # standard deviation of the area over the draws
     areas: Float64  # (draws,): area under the curve of each draw
-    level: float  # confidence level
     draws: int
     seed: int
     block: int  # side of a block [pixel]
     objects: int  # number of objects from which the draws are made
     blocks: int  # number of blocks from which the draws are made
     notes: tuple[str, ...]
+    level: float = _LEVEL  # confidence level
 
 
 def default_block(height: int, width: int) -> int:
@@ -58,9 +58,15 @@ def default_block(height: int, width: int) -> int:
 
 
 def bootstrap(
-    scores: Array, objects: Array, valid: Mask | None = None, *, draws: int = 1000, seed: int = 0,
-    block: int | None = None, pfa: npt.ArrayLike | None = None,
-) -> Bands:  # fmt: skip
+    scores: Array,
+    objects: Array,
+    valid: Mask | None = None,
+    *,
+    draws: int = 1000,
+    seed: int = 0,
+    block: int | None = None,
+    pfa: npt.ArrayLike | None = None,
+) -> Bands:
     """Compute confidence intervals of Pd at the false-alarm rates `pfa`, and of the area under the ROC curve.
 
     `scores`, `objects` (the number of the object of a pixel; 0: background) and `valid` (False: the pixel is not used)
@@ -84,11 +90,10 @@ def bootstrap(
     low, high = np.percentile(pds, tails, axis=0)
     lowest, highest = map(float, np.percentile(areas, tails))
     drawn = {"objects": targets.shape[0], "blocks": background.shape[0]}
-    few = [f"few {what} ({n}): intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES]
-    return Bands(
-        pfa=at, low=low, high=high, auc=(lowest, highest), auc_error=float(areas.std(ddof=1)), areas=areas,
-        level=_LEVEL, draws=draws, seed=seed, block=block, notes=tuple(few), **drawn,
-    )  # fmt: skip
+    few = tuple(f"few {what} ({n}): intervals are too narrow" for what, n in drawn.items() if n < _FEW_PIECES)
+    drawn |= {"draws": draws, "seed": seed, "block": block}
+    auc, error = (lowest, highest), float(areas.std(ddof=1))
+    return Bands(pfa=at, low=low, high=high, auc=auc, auc_error=error, areas=areas, notes=few, **drawn)
 
 
 def default_grid(background: int) -> Float64:

@@ -174,8 +174,8 @@ class Roc:
         ax = axes(ax, "Roc.plot")
         name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
         ax.plot(*self.vertices, label=name)
-        ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1),
-               xlabel="observed false-alarm rate", ylabel="detected share of target pixels")  # fmt: skip
+        ax.set(xscale="log", xlim=(1 / max(len(self.background), 2), 1), ylim=(0, 1))
+        ax.set(xlabel="observed false-alarm rate", ylabel="detected share of target pixels")
         ax.legend(loc="lower right")
         return ax
 

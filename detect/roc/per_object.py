@@ -78,7 +78,6 @@ def object_curve(
     """
     ok = usable(scores, objects, valid)
     scored = tuple(sorted(_scored(scores, objects, ok, roc), key=lambda o: (-o.score_max, o.number)))
-    unseen = np.setdiff1d(objects[objects != 0], [o.number for o in scored]).tolist()
     every = np.array([o.score_max for o in scored])
     levels = np.unique(every[np.array([o.pfa for o in scored]) <= pfa_max])[::-1]
     if len(levels) > _MOST_THRESHOLDS:
@@ -90,7 +89,7 @@ def object_curve(
     exact = levels.astype(own)
     return ObjectCurve(
         objects=scored,
-        unseen=tuple(unseen),
+        unseen=tuple(np.setdiff1d(objects[objects != 0], [o.number for o in scored]).tolist()),
         thresholds=levels,
         found=np.array([np.count_nonzero(every >= t) for t in levels], np.int64),
         false_alarms=np.array([count_false_alarms(scores >= t, objects, ok) for t in exact], np.int64),

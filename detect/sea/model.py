@@ -42,6 +42,8 @@ _LAST_FACTOR = 0.9
 simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
 _REACH = 3  # side of the window of the maximum of the NIR [pixel]: waves move by about a pixel between bands
 
+Blocks = Sequence[tuple[Array, Classes]]  # parts of a scene, (band, row, column), and classes, (row, column)
+
 
 @dataclass(frozen=True, eq=False)
 class GlintScale:
@@ -121,10 +123,7 @@ class SeaModel:
         return {"window": SEA_WINDOW} | {k: getattr(self, k) for k in ("centre", "spread", "scales", "side", "q90")}
 
 
-def fit(
-    blocks: Sequence[tuple[Array, Classes]], *, pixel: float | None = None, side: str | None = None,
-    nir: Sequence[Array] = (),
-) -> SeaModel:  # fmt: skip
+def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, nir: Sequence[Array] = ()) -> SeaModel:
     """Fit the statistics of the water to blocks of a scene, (band, row, column), with their classes from `region`.
 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
@@ -142,10 +141,8 @@ def fit(
     if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
-    model = SeaModel(
-        centre, spread, np.ones((len(scales), bands)), tuple(np.eye(bands) for _ in scales), np.zeros(len(scales)),
-        np.ones(len(scales)), 1.0, scales, side=side,
-    )  # fmt: skip
+    flat, whiteners = np.ones(len(scales)), (np.eye(bands),) * len(scales)
+    model = SeaModel(centre, spread, np.ones((len(scales), bands)), whiteners, 0 * flat, flat, 1.0, scales, side)
     parts = [_Block(block, classes, model) for block, classes in blocks]
     used = [part.dim for part in parts]
     model = _learn(parts, used, water, model)

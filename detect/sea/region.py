@@ -179,9 +179,8 @@ def _continued(around: Mask, own: Mask) -> bool:
     ends = place < part.min() - 0.5, place > part.max() + 0.5
     sides = (~ends[0] & ~ends[1] & (sign * across > 0) for sign in (-1, 1))
     land = around[ring]
-    return bool(
-        min(land[e].mean() for e in ends) >= _CONTINUED[0] and max(land[s].mean() for s in sides) <= _CONTINUED[1]
-    )
+    least, most = _CONTINUED
+    return bool(min(land[e].mean() for e in ends) >= least and max(land[s].mean() for s in sides) <= most)
 
 
 def _alongside(land: Mask, rule: SeaRule) -> Mask:

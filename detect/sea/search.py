@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from deglint.errors import FitError, InputError
 
-from ..arrays import Array, Float32, Float64
+from ..arrays import Array, Float32, Float64, Mask
 from ..background import as_image, as_mask
 from ..objects import Object, find, find_among
 from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survival
@@ -151,9 +150,8 @@ class Rated(NamedTuple):
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
     """Rate objects afloat, in order of descending `score_top`; `strata` kinds of objects share the false-alarm rate."""
     found = sorted(found, key=lambda o: -o.score_top)
-    rates = np.array([
-        clutter.false_per_km2(o.score_top, o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1) for o in found
-    ])  # fmt: skip
+    sizes = [o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1 for o in found]
+    rates = np.array([clutter.false_per_km2(o.score_top, size) for o, size in zip(found, sizes, strict=True)])
     # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
     # doi:10.1111/1467-9868.00346)
     false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
@@ -187,9 +185,8 @@ class Search:
 
 
 def score_scene(
-    image: npt.ArrayLike, water: npt.ArrayLike | None = None, *, pixel: float = 10.0, pfa: float = 1e-4,
-    side: str | None = None,
-) -> Search:  # fmt: skip
+    image: Array, water: Mask | None = None, *, pixel: float = 10.0, pfa: float = 1e-4, side: str | None = None
+) -> Search:
     """Search the sea in an image for ships, boats and swimmers.
 
     Parameters
@@ -224,7 +221,7 @@ def score_scene(
     >>> [(round(o["row"]), round(o["column"])) for o in score_scene(sea).objects[:1]]
     [(51, 65)]
     """
-    values = as_image(np.asarray(image))
+    values = as_image(image)
     valid = np.asarray(np.isfinite(values).all(axis=0))
     inside = as_mask(water, values)
     mask = valid if inside is None else inside & valid
@@ -240,8 +237,7 @@ def score_scene(
     rows, columns = np.nonzero(searched > min(LOW * model.q90, threshold.value))
     found = find_among(rows, columns, searched[rows, columns], above=threshold.value, pixel_area=pixel * pixel)
     records = [
-        {"label": o.label, "score": o.score_max, "pixels": o.size, "area_m2": o.area, "row": o.centroid[0],
-         "column": o.centroid[1], "false_per_km2": rate}
+        {"label": o.label, "score": o.score_max} | o.measures | {"false_per_km2": rate}
         for o, _kind, rate, _real in sorted(rated_objects(found, clutter), key=lambda r: r.found.label)
-    ]  # fmt: skip
+    ]
     return Search(scores, classes, records, threshold, clutter, model)

@@ -162,8 +162,7 @@ def test_tiles_are_the_whole_to_the_bit(bands, data):
     for part in scene.split(CELL):
         held = part.grown(rule.halo, *size)
         outside, own = held.within(scene), part.within(scene)
-        flags = np.zeros(part.shape, np.uint8)
-        tile = score_part(image[outside], rule, held, part, mask[outside], flags=flags)
+        tile, flags = score_part(image[outside], rule, held, part, mask[outside])
         np.testing.assert_array_equal(tile, whole[own])
         np.testing.assert_array_equal(flags, whole_flags[own])
     np.testing.assert_array_equal(local_rx(image, inner=inner, outer=outer, border=border, mask=mask, threads=3), whole)

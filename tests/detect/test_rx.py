@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from deglint.errors import FitError, InputError
 from detect import background, local_rx, rx
 from detect.rx import METHODS, detector, residual_rx, rx_utd, score, subspace_rx, utd
-from detect.sea import score_scene
+from detect.sea.search import score_scene
 
 SCENES = Path(__file__).parents[3] / "shared" / "data" / "hyperspectral"
 ABU = ("abu-beach-1", "abu-beach-2", "abu-airport-2", "abu-urban-1")

@@ -15,10 +15,11 @@ import rasterio
 from rasterio.transform import from_origin
 
 from deglint.errors import InputError
-from detect import sea
 from detect.objects import find, find_among
 from detect.pipeline import Recipe, plan, score_file
-from detect.sea import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule
+from detect.sea.model import SIDES, fit, score
+from detect.sea.region import AFLOAT, ALONGSIDE, ATTACHED, NOT_SEA, RIM, WATER, SeaRule, region
+from detect.sea.search import clutter_of, score_scene
 from detect.threshold import Tail
 
 SHIPS = [(40, 60), (90, 150), (150, 40), (60, 210)]
@@ -53,13 +54,13 @@ def test_holes_and_protrusions_of_a_ships_size_are_sea():
     water[60:80, 30:50] = False  # an island of 200 m by 200 m
     water[40:45, 112:130] = False  # a ship at the quay, 180 m by 50 m
     water[90:93, 80:130] = False  # a pier of 500 m
-    found = sea.region(water, SeaRule(10.0))
+    found = region(water, SeaRule(10.0))
     at = {"afloat": (22, 40), "island": (70, 40), "ship": (42, 120), "pier": (91, 100), "land": (10, 150),
           "open": (10, 10), "shore": (10, 129)}  # fmt: skip
     assert {k: int(found[p]) for k, p in at.items()} == {
         "afloat": AFLOAT, "island": NOT_SEA, "ship": ALONGSIDE, "pier": NOT_SEA, "land": NOT_SEA, "open": WATER,
         "shore": RIM}  # fmt: skip
-    exact = sea.region(water, SeaRule(10.0, 0, 0))
+    exact = region(water, SeaRule(10.0, 0, 0))
     assert not np.isin(exact, (AFLOAT, ALONGSIDE)).any()
 
 
@@ -70,7 +71,7 @@ def test_holes_beside_land_or_cut_by_the_border_are_attached():
     water[40:43, 125:128] = False  # two
     water[60:64, 114:129] = False  # a ship, its bow one pixel off the quay
     water[80:84, :4] = False
-    found = sea.region(water, SeaRule(10.0))
+    found = region(water, SeaRule(10.0))
     at = {"one": (21, 127), "two": (41, 126), "ship": (62, 120), "border": (82, 2), "between": (21, 129)}
     assert {k: int(found[p]) for k, p in at.items()} == {
         "one": ATTACHED, "two": AFLOAT, "ship": ALONGSIDE, "border": ATTACHED, "between": RIM}  # fmt: skip
@@ -83,9 +84,9 @@ def test_what_land_continues_at_both_ends_is_no_ship(slope):
     water[:, :50] = water[:, 80:] = False
     rows, columns = np.mgrid[:120, :160]
     water &= abs(rows - 60 - slope * (columns - 65)) > 2
-    bridge = sea.region(water, SeaRule(10.0))
+    bridge = region(water, SeaRule(10.0))
     water[:, 72:74] = True
-    apart = sea.region(water, SeaRule(10.0))
+    apart = region(water, SeaRule(10.0))
     between = columns - 50 < 30
     assert not (bridge[between] == ALONGSIDE).any()
     assert apart[60, 62] == ALONGSIDE
@@ -98,19 +99,19 @@ def test_what_is_attached_to_land_is_clutter_and_no_object(rxdetect, write, tmp_
     marked = tmp_path / "found.geojson"
     ran = rxdetect("score", scene, tmp_path / "out.tif", "--pfa", "1e-3", "--objects", marked)
     assert ran.code == 0, ran.err
-    searched = sea.score_scene(image[:3], image[3] < 1000, pfa=1e-3)
+    searched = score_scene(image[:3], image[3] < 1000, pfa=1e-3)
     for objects in ([f["properties"] for f in json.loads(marked.read_text())["features"]], searched.objects):
         for (row, column), count in (((97, 226), 0), ((191, 41), 1)):
             assert sum(np.hypot(o["row"] - row, o["column"] - column) < 6 for o in objects) == count
     assert rasterio.open(tmp_path / "out.tif").read(1)[97, 226] > 20
 
 
-@pytest.mark.parametrize("side", sea.SIDES)
+@pytest.mark.parametrize("side", SIDES)
 def test_dark_anomalies_count_where_both_are_wanted(side):
     image, water = port(ships=())
     image[:3, 80:86, 80:86] = 100
-    classes = sea.region(water, SeaRule(10.0))
-    scores = sea.score(image[:3], classes, sea.fit([(image[:3], classes)], side=side))
+    classes = region(water, SeaRule(10.0))
+    scores = score(image[:3], classes, fit([(image[:3], classes)], side=side))
     inside = scores[81:85, 81:85]
     assert (inside.min() > 6) == (side == "both")
     assert np.isnan(scores[classes == RIM]).all()
@@ -119,12 +120,12 @@ def test_dark_anomalies_count_where_both_are_wanted(side):
 def test_a_block_with_its_halo_scores_as_the_whole():
     image, water = port()
     rule = SeaRule(10.0)
-    classes = sea.region(water, rule)
-    model = sea.fit([(image, classes)])
-    whole = sea.score(image, classes, model)
+    classes = region(water, rule)
+    model = fit([(image, classes)])
+    whole = score(image, classes, model)
     halo = model.halo + rule.halo
     part = slice(0, 100 + halo)
-    block = sea.score(image[:, part], sea.region(water[part], rule), model)
+    block = score(image[:, part], region(water[part], rule), model)
     np.testing.assert_allclose(block[:100], whole[:100], rtol=1e-3)
 
 
@@ -141,7 +142,7 @@ def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
     scores[ships] = 60 + rng.normal(0, 5, ships.sum())  # 0.4 % of the sea: more than either rate
     q90 = float(np.quantile(scores[~ships], 0.9))
     candidates = find(scores > 1.5 * q90, scores)
-    clutter = sea.clutter_of(Tail.of(scores), candidates, q90, area=100.0)
+    clutter = clutter_of(Tail.of(scores), candidates, q90, area=100.0)
     threshold = clutter.threshold(pfa)
     assert clutter.confirmed >= 35
     assert 0.5 < (scores[~ships] > threshold.value).mean() / pfa < 2
@@ -154,7 +155,7 @@ def test_the_requested_rate_is_the_observed_one_below_anomalies(seed, pfa):
 def test_a_brighter_object_is_never_more_likely_false_where_the_law_ends():
     scores = np.zeros((800, 20))
     scores[::2, 5:8] = 1.6 + 6 * np.random.default_rng(5).beta(1, 3, 400)[:, None]
-    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=4.0)
+    clutter = clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=4.0)
     assert clutter.shape < -0.1
     end = clutter.low - clutter.scale / clutter.shape
     rates = [clutter.false_per_km2(s) for s in np.linspace(clutter.peaks[-1], 1.5 * end, 200)]
@@ -170,7 +171,7 @@ def test_few_candidates_are_ranked_not_fitted():
     scores = np.zeros((50, 50))
     scores[::10, ::10] = 5 + np.arange(25).reshape(5, 5)
     candidates = find(scores > 3, scores)
-    clutter = sea.clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
+    clutter = clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
     assert not clutter.fitted
     assert clutter.false_per_km2(100.0) == pytest.approx(1 / 25)
     assert "quantile" in " ".join(clutter.threshold(0.01).notes)
@@ -181,7 +182,7 @@ def test_a_law_is_not_fitted_to_few_boats_because_noise_has_many_peaks():
     scores[::5, ::5] = 2.0  # above the level of candidates, but below it as the mean of three pixels
     for column, boat in enumerate((3.0, 3.0, 3.2, 12.0)):
         scores[50:52, 20 * column : 20 * column + 2] = boat
-    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
+    clutter = clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
     assert len(clutter.peaks) == 400
     assert not clutter.fitted
     assert clutter.score_at(0.05) == 12.0
@@ -191,7 +192,7 @@ def test_a_large_offset_does_not_hide_the_sea():
     waves = np.random.default_rng(0).normal(0, 1, (3, 100, 100))
     waves[:, 50:53, 60:70] += 20
     waves[:, 0, 0] = 1e300
-    near, far = sea.score_scene(waves).scores, sea.score_scene(waves + 1e8).scores
+    near, far = score_scene(waves).scores, score_scene(waves + 1e8).scores
     np.testing.assert_allclose(far, near, rtol=1e-4, atol=1e-4)
 
 
@@ -304,7 +305,7 @@ def test_refusals(rxdetect, scene, tmp_path, monkeypatch, options, message):
 def test_a_scene_in_memory_gives_a_table_of_objects():
     pandas = pytest.importorskip("pandas")
     image, water = port()
-    found = sea.score_scene(image[:3], water & (image[3] < 2000), pixel=10.0, pfa=1e-3)
+    found = score_scene(image[:3], water & (image[3] < 2000), pixel=10.0, pfa=1e-3)
     table = pandas.DataFrame(found.objects).head(4)
     assert {(round(r - 1.5), round(c - 5.5)) for r, c in zip(table.row, table.column, strict=True)} == set(SHIPS)
     assert (table.false_per_km2 < 0.2).all()
@@ -316,7 +317,7 @@ def test_ships_side_by_side_at_a_quay_are_apart():
     water[80:85, 40:150] = False  # a quay of 1100 m, 50 m wide
     for column, length in ((60, 24), (67, 18), (74, 20), (110, 14)):
         water[80 - length : 80, column : column + 5] = False
-    found = sea.region(water, SeaRule(10.0))[:80] == ALONGSIDE
+    found = region(water, SeaRule(10.0))[:80] == ALONGSIDE
     boxes = sorted(o.bounds for o in find(found, found.astype(float)))
     assert len(boxes) == 4
     assert all(bottom - top >= 8 and right - left <= 6 for (top, bottom), (left, right) in boxes)
@@ -333,7 +334,7 @@ def test_what_is_large_bright_and_long_counts_before_what_is_bright():
     scores = np.zeros((60, 60))
     scores[::10, ::10] = 5 + np.arange(36).reshape(6, 6)
     candidates = find(scores > 3, scores)
-    clutter = sea.clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
+    clutter = clutter_of(Tail.of(scores), candidates, 1.0, area=25.0)
     assert clutter.false_per_km2(30.0, 50) < clutter.false_per_km2(30.0) / 20
     assert clutter.false_per_km2(8.0, 50) == clutter.false_per_km2(8.0)
 
@@ -342,7 +343,7 @@ def test_a_body_of_many_fine_pixels_is_no_clutter():
     scores = np.abs(np.random.default_rng(0).normal(0, 1, (300, 300)))
     scores[50:60, 50:60] = 3.0
     candidates = find(scores > 2.5, scores)
-    kept = [sea.clutter_of(Tail.of(scores), candidates, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
+    kept = [clutter_of(Tail.of(scores), candidates, 1.6, area=1.0, fine=fine).confirmed for fine in (0, 1)]
     assert kept == [0, 1]
 
 
@@ -351,7 +352,7 @@ def test_what_a_confirmed_object_is_follows_from_the_pixel_not_from_the_side(pix
     image = np.random.default_rng(0).normal(100, 3, (3, 200, 200)).astype(np.float32)
     image[:, 100:104, 100:105] += 60
     image[:, 40:44, 40:52] += 60
-    kept = [sea.score_scene(image, pixel=pixel, side=side).clutter.confirmed for side in ("bright", "both")]
+    kept = [score_scene(image, pixel=pixel, side=side).clutter.confirmed for side in ("bright", "both")]
     assert kept == [1 + (pixel == 1.0)] * 2
     source = write(tmp_path / "sea.tif", image, transform=from_origin(400_000, 800_000, pixel, pixel))
     recipe = Recipe(method="sea", mask="none", bands=("1", "2", "3"), pfa=1e-3)
@@ -359,7 +360,7 @@ def test_what_a_confirmed_object_is_follows_from_the_pixel_not_from_the_side(pix
         marked = tmp_path / f"{side}.geojson"
         score_file(source, tmp_path / f"{side}.tif", replace(recipe, side=side), objects=marked)
         rates = [f["properties"]["false_per_km2"] for f in json.loads(marked.read_text())["features"]]
-        direct = sorted(o["false_per_km2"] for o in sea.score_scene(image, pixel=pixel, side=side, pfa=1e-3).objects)
+        direct = sorted(o["false_per_km2"] for o in score_scene(image, pixel=pixel, side=side, pfa=1e-3).objects)
         assert rates == pytest.approx(direct, rel=0.01)
 
 
@@ -370,13 +371,13 @@ def test_what_is_narrower_than_the_smallest_object_is_clutter_however_bright(sid
     scores[50 : 50 + side, 50 : 50 + side] = 30.0
     candidates = find(scores > 5, scores)
     area = scores.size * 0.25**2 / 1e6
-    assert sea.clutter_of(Tail.of(scores), candidates, 1.6, area=area, fine=True).confirmed == confirmed
+    assert clutter_of(Tail.of(scores), candidates, 1.6, area=area, fine=True).confirmed == confirmed
 
 
 def test_a_tail_without_a_mean_gives_its_quantile():
     rng = np.random.default_rng(0)
     scores = np.concatenate([np.abs(rng.normal(0, 1, 99_000)), 5 + rng.pareto(0.6, 1000)])
-    clutter = sea.clutter_of(Tail.of(scores), [], 1.0, area=1.0)
+    clutter = clutter_of(Tail.of(scores), [], 1.0, area=1.0)
     threshold = clutter.threshold(1e-3)
     assert threshold.method == "quantile"
     assert "no mean" in threshold.notes[0]
@@ -393,7 +394,7 @@ PORT = Path(__file__).parents[2].parent / "shared" / "data" / "real"
 def test_requested_rates_hold_in_ports(name):
     ships, water = (rasterio.open(PORT / name / f"{kind}.tif").read(1) > 0 for kind in ("ships", "water"))
     image = np.stack([rasterio.open(PORT / name / f"B0{b}.tiff").read(1) for b in (2, 3, 4)]).astype(np.float32)
-    found = sea.score_scene(image, water, pfa=1e-3)
+    found = score_scene(image, water, pfa=1e-3)
     counted = np.isfinite(found.scores) & water & (cv2.dilate(ships.astype(np.uint8), np.ones((15, 15))) == 0)
     assert 0.5 < (found.scores[counted] > found.threshold.value).mean() / 1e-3 < 2
 
@@ -404,14 +405,14 @@ def test_an_object_is_found_where_little_glint_covers_it():
     image = 100 + rng.normal(0, 1, (3, 300, 300)) + glint * rng.normal(0, 1, (3, 300, 300))
     image[:, 100:104, 40:44] += 8  # where there is no glint
     nir = (50 + glint + rng.normal(0, 1, (300, 300)))[None]
-    classes = sea.region(np.ones((300, 300), bool), SeaRule(1.0))
+    classes = region(np.ones((300, 300), bool), SeaRule(1.0))
     ranks = []
     for known in ((), (nir,)):
-        model = sea.fit([(image, classes)], pixel=1.0, nir=known)
-        scores = sea.score(image, classes, model, *known)
+        model = fit([(image, classes)], pixel=1.0, nir=known)
+        scores = score(image, classes, model, *known)
         ranks.append((scores > scores[101:103, 41:43].max()).mean())
     assert ranks[1] < 1e-4 < 1e-3 < ranks[0]
-    half = sea.score(image[:, :, :200], classes[:, :200], model, nir[:, :, :200])
+    half = score(image[:, :, :200], classes[:, :200], model, nir[:, :, :200])
     np.testing.assert_allclose(half[:, :100], scores[:, :100], rtol=1e-3)
 
 
@@ -449,6 +450,6 @@ def test_candidates_of_single_pixels_are_ranked_not_fitted():
     """The three highest scores of each, of which two are 0, do not exceed the bulk of the scores."""
     scores = np.zeros((100, 100))
     scores[::10, ::10] = 2.0
-    clutter = sea.clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
+    clutter = clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
     assert len(clutter.peaks) == 100
     assert not clutter.fitted
