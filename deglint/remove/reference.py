@@ -72,7 +72,7 @@ def fit_reference(
     limit = FACTOR * float(np.percentile(tops, QUARTILE))
     if sparkle:
         often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [99.0, 99.9]), np.finfo(np.float32).tiny)
-        limit = max(limit, float(seldom * (seldom / often) ** 3))
+        limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
 
 
