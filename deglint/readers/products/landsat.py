@@ -55,7 +55,7 @@ def find(container: Container) -> Product | None:
         off_nadir=said_number(facts, "ROLL_ANGLE"),
         altitude=LANDSAT_ORBIT,
     )
-    when = "" if facts is None else f"{said(facts, 'DATE_ACQUIRED')}T{said(facts, 'SCENE_CENTER_TIME')}"
+    when = "T".join(filter(None, (said(facts, "DATE_ACQUIRED"), said(facts, "SCENE_CENTER_TIME"))))
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"
     return Product(kind, scene, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes))
