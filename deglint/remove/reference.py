@@ -128,10 +128,8 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Sum of quantised values over the `kept` pixels in a square around each pixel, and number of pixels in the sum."""
-    import cv2
-
     some = grains if kept.all() else grains * kept
-    return box_sum(some, LOCAL_MEAN, cv2.CV_32S), box_sum(kept.view(np.uint8), LOCAL_MEAN, cv2.CV_32S)
+    return box_sum(some, LOCAL_MEAN), box_sum(kept.view(np.uint8), LOCAL_MEAN)
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:
