@@ -163,7 +163,7 @@ def fit(
     image = as_image(image)
     mask = as_mask(mask, image)
     check_rule(covariance, ridge)
-    share = sample_share(covariance, image.shape[1] * image.shape[2])
+    share = sample_share(covariance, image[0].size if mask is None else int(np.count_nonzero(mask)))
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
@@ -213,7 +213,7 @@ def estimate(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """N, if the estimator `covariance` needs a sample of one in N of a scene's `pixels` pixels; 0 if it needs none."""
+    """N, if the estimator `covariance` needs a sample of one in N of a background's `pixels`; 0 if it needs none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 

@@ -285,11 +285,20 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     recipe, bands = plan.recipe, plan.bands
     share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 
+    def inside(tile: Tile) -> Mask | None:
+        return both(plan.read_mask(tile), None if plan.area is None else plan.area.read(tile.window))
+
+    def count(tile: Tile) -> int:
+        mask = inside(tile)
+        return math.prod(tile.shape) if mask is None else int(np.count_nonzero(mask))
+
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
-        area = None if plan.area is None else plan.area.read(tile.window)
-        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
+        return Part.of(block, inside(tile), (tile.row0, tile.col0), share)
 
+    if share > 1:
+        counts = run(plan.tiles, count, threads=plan.threads, start=enter_thread)
+        share = sample_share(recipe.covariance, sum(n for _tile, n in counts))
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
     whole = Part.merge(list(tiling.by_rows(done, Part.merge)))

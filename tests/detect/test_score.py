@@ -231,6 +231,16 @@ def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, writ
         np.testing.assert_array_equal(scores_of(out), expected)
 
 
+def test_the_robust_sample_is_a_share_of_the_background_not_of_the_scene(rxdetect, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(background, "ROBUST_SAMPLE", 600)
+    image, inside = pixels_of(scene), np.zeros((200, 230), bool)
+    inside[20:40, 30:60] = True
+    whole = background.fit(image[:, 20:40, 30:60], covariance="mcd")
+    assert whole.n > 500
+    ran = rxdetect("score", scene, tmp_path / "o.tif", "--background", "30,20,30,20", "--covariance", "mcd", "--json")
+    assert json.loads(ran.out)["background"]["n"] == whole.n == background.fit(image, mask=inside, covariance="mcd").n
+
+
 def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
     pixels = sea(height=150, width=160)
     pixels[:, :, :60] = 9000 + np.random.default_rng(0).integers(0, 3000, (4, 150, 60))
