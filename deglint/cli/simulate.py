@@ -8,17 +8,8 @@ from typing import Any
 
 import click
 
-from .options import (
-    SENSOR_CHOICE,
-    SETTINGS,
-    SKY_CHOICE,
-    ChoiceFromTable,
-    Grouped,
-    heading,
-    parsed,
-    threads,
-    with_options,
-)
+from . import options
+from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
 from .remove import size
 
 log = logging.getLogger(__name__)
@@ -60,7 +51,7 @@ simulate_options = with_options(
     click.option("--sun-zenith", type=float, default=40.0, metavar="DEG", help="Angle of the sun from the zenith."),
     click.option("--sun-azimuth", type=float, default=135.0, metavar="DEG", help="Azimuth of the sun."),
     click.option("--chlorophyll", type=float, default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
-    click.option("--sky", type=SKY_CHOICE, default="cardioidal", help="Model of the sky."),
+    click.option("--sky", type=options.SKY_CHOICE, default="cardioidal", help="Model of the sky."),
     click.option("--spectrum", type=ChoiceFromTable("Spectrum", "deglint.physics.waves"), default="elfouhaily",
                  help="Spectrum of the waves."),
     click.option("--slopes", type=ChoiceFromTable("SlopeModel", "deglint.simulate.setup"), default="cox-munk",
@@ -82,7 +73,7 @@ simulate_options = with_options(
     click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG",
                  help="A boat of 8 m: its place [m], speed and heading."),
     heading("Sensor"),
-    click.option("--preset", type=SENSOR_CHOICE, default="thesis", help="Sensor."),
+    click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS",
                  help="Size of the image [pixel]."),
     click.option("--delay", type=float, multiple=True, metavar="S",

@@ -241,6 +241,17 @@ def test_the_robust_sample_is_a_share_of_the_background_not_of_the_scene(rxdetec
     assert json.loads(ran.out)["background"]["n"] == whole.n == background.fit(image, mask=inside, covariance="mcd").n
 
 
+@pytest.mark.parametrize("method", ["rx", "local"])
+def test_scores_beyond_single_precision_are_the_largest_of_it(rxdetect, sea, write, tmp_path, method, recwarn):
+    pixels = sea(height=40, width=50, dtype="float64")
+    pixels[1, 20, 25] = 1e120
+    scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
+    options = ("--method", "rx", "--background", "0,0,50,10") if method == "rx" else ("--method", "local")
+    ran = rxdetect("score", scene, out, *options)
+    assert (ran.code, scores_of(out)[20, 25]) == (0, np.finfo(np.float32).max)
+    assert not recwarn.list
+
+
 def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
     pixels = sea(height=150, width=160)
     pixels[:, :, :60] = 9000 + np.random.default_rng(0).integers(0, 3000, (4, 150, 60))
