@@ -1,5 +1,6 @@
 """Options of `rxdetect score`, as frozen dataclasses: `Recipe` for the processing, `Outputs` for the output files."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -132,14 +133,15 @@ class Outputs:
 
     def check(self, recipe: Recipe) -> None:
         """Raise InputError if the recipe cannot produce an output, or an extension or a combination is not allowed."""
+        place = self.chips and next(p for p in (self.chips, *self.chips.parents) if p.exists())
         for wrong, message in (
             (self.objects and not recipe.thresholded,
              ("objects need a threshold: give --pfa, the false alarms wanted per pixel, such as 1e-4, or "
              "--false-per-km2.")),
             (recipe.moving and not self.objects,
              "--moving gives objects a speed and a heading: give --objects FILE, too."),
-            (self.chips and self.chips.exists() and not self.chips.is_dir(),
-             f"{self.chips} (--chips) is a file: name a folder."),
+            (place and not place.is_dir(), f"{place} (--chips) is a file: name a folder."),
+            (place and not os.access(place, os.W_OK), f"no permission to write in {place} (--chips): name a folder."),
             (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
             (self.objects and self.objects.suffix.lower() not in SUFFIXES,
              f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),

@@ -313,7 +313,11 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--method", "sea", "--mask", "none", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--moving", "--pfa", "1e-3"], 1, "give --objects FILE"),
-        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"], 1, "scene.tif (--chips) is a file"),
+        (
+            ["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"],
+            1,
+            "scene.tif (--chips) is a file",
+        ),
         (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
@@ -373,6 +377,7 @@ def never_scored(monkeypatch):
     [
         (["--false-per-km2", "1"], "false-per-km2 needs the size of a pixel"),
         (["--pfa", "1e-3", "--objects", "o.geojson", "--moving"], "--moving needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "in.tif/a/b"], "in.tif (--chips) is a file"),
         (["--pfa", "1e-3", "--objects", "old.gpkg"], "old.qml exists already"),
         (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "chips"], "object_0001.png exists already"),
     ],
