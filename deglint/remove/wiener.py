@@ -95,8 +95,8 @@ def fit(
     grams = [_gathered(s, learnt, request) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
-            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
-            "polygon or window over open water, or --mask with what is water."
+            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
+            "with a polygon or window of open water; for a small scene, take --method hedley --sample all."
         )
     if callable(strips):
         mirrored = find_kernels(grams[0])
