@@ -83,7 +83,7 @@ class Recipe:
              "a floor percentile is for methods hedley and multiband: leave it out, or name one of them with --method"),
             (self.regression != "auto" and not (method and method.regresses),
              f"{self.method} fits no slopes by regression: leave out --regression, or name a method such as hedley"),
-            (self.rrs_factor != float(np.pi) and self.method != "goodman", "the rrs factor is for method goodman"),
+            (self.rrs_factor != float(np.pi) and self.method != "goodman", "--rrs-factor is for goodman: leave it out"),
             (self.smallest_object and self.chain != "auto",
              "--smallest-object is for the automatic choice: leave it out, or --method and --compensate"),
         ):  # fmt: skip
