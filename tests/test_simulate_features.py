@@ -297,6 +297,12 @@ def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("option", [("--wind", "5", "--wind", "5"), ("--delay", "0.0601", "--delay", "0.0604")])
+def test_scenes_of_one_name_are_refused_before_the_first(tmp_path, deglint, option):
+    ran = deglint("simulate", "--grid", "--size", "8", "--objects", "none", *option, tmp_path)
+    assert (ran.code, "two outputs have the same name" in ran.err, list(tmp_path.iterdir())) == (1, True, [])
+
+
 @pytest.mark.parametrize("command", ["simulate", "plan"])
 def test_all_options_stand_under_a_heading(command):
     from importlib import import_module

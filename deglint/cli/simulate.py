@@ -126,8 +126,8 @@ def simulate(out: Path, **given: Any) -> None:
     planned = [files_of(name, setup, surface=given["surface"]) for name, setup in setups]
     if given["grid"] and not given["dry_run"]:
         make_directory(out)
-    for files in planned if out.exists() or not given["grid"] else ():
-        check_targets([*files], overwrite=given["overwrite"])
+    if out.exists() or not given["grid"]:
+        check_targets([path for files in planned for path in files], overwrite=given["overwrite"])
     if given["dry_run"]:
         _announce(planned, as_json=given["as_json"])
         return
