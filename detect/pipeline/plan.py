@@ -27,7 +27,7 @@ from ..background import Background, Part, sample_share
 from ..local import CELL, WindowRule
 from ..rx import Detector, both, detector
 from ..sea import SeaModel, SeaRule
-from .recipe import Recipe
+from .recipe import OPTIONS_OF, Recipe
 
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
@@ -36,8 +36,6 @@ _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]: a removal leaves glint in the NIR
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
-_OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
-"""For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # minimum number of blocks; more are read until their water would fill half of this number of blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
@@ -234,8 +232,8 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
-    for name, method in _OTHERS.items():
-        if getattr(recipe, name) != getattr(Recipe, name):
+    for name, method in (OPTIONS_OF | {"background": "rx", "covariance": "rx"}).items():
+        if method != "sea" and getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"

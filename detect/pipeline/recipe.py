@@ -16,6 +16,8 @@ from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
 SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
+OPTIONS_OF = {"window": "local", "border": "local", "drop": "subspace", "largest_object": "sea", "side": "sea"}
+"""Options that only one detector has, and this detector."""
 PICTURE = "object_{:04d}.png"  # name of the picture of an object, with the number of the object
 
 
@@ -88,11 +90,15 @@ class Recipe:
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
+        for name, owner in OPTIONS_OF.items():
+            if method not in ("auto", owner) and getattr(self, name) != getattr(Recipe, name):
+                raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
         allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
         for wrong, message in (
             (self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)),
              (f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
              f"{' or '.join(allowed)}.")),
+            (self.ridge != RIDGE and self.covariance != "ridge", "--ridge is for --covariance ridge: give that, too."),
             (rate is not None and not rate > 0, f"false-per-km2: allowed is above 0, got {rate}."),
             (rate is not None and self.pfa is not None,
              "pfa and false-per-km2 both state the false-alarm rate: give one of them."),
@@ -142,6 +148,8 @@ class Outputs:
              "--moving gives objects a speed and a heading: give --objects FILE, too."),
             (place and not place.is_dir(), f"{place} (--chips) is a file: name a folder."),
             (place and not os.access(place, os.W_OK), f"no permission to write in {place} (--chips): name a folder."),
+            (not self.objects and (recipe.min_size, recipe.merge_distance) != (Recipe.min_size, Recipe.merge_distance),
+             "--min-size and --merge-distance are for objects: give --objects FILE, too."),
             (self.chips and not self.objects, "chips are pictures of objects: give --objects FILE, too."),
             (self.objects and self.objects.suffix.lower() not in SUFFIXES,
              f"{self.objects} (--objects): allowed are {', '.join(SUFFIXES)}."),

@@ -40,7 +40,8 @@ def scores_of(path):
 @pytest.mark.parametrize("method", sorted(set(rx.METHODS) - {"sea", "lines"}))
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
-    ran = rxdetect("score", scene, out, "--method", method, "--window", "3,9", "--json")
+    options = ("--window", "3,9") if method == "local" else ()
+    ran = rxdetect("score", scene, out, "--method", method, *options, "--json")
     assert ran.code == 0, ran.err
     image = pixels_of(scene)
     if method == "local":
@@ -322,6 +323,12 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
         (["--method", "subspace", "--drop", "4"], 1, "drop: want 0 to 3"),
+        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx: leave it out."),
+        (["--method", "local", "--drop", "2"], 1, "--drop is for method subspace, not local"),
+        (["--method", "rx", "--largest-object", "9,3"], 1, "--largest-object is for method sea, not rx"),
+        (["--window", "3,9", "--drop", "2"], 1, "--drop is for method subspace, not local"),
+        (["--ridge", "0.1"], 1, "--ridge is for --covariance ridge"),
+        (["--pfa", "1e-3", "--min-size", "4"], 1, "are for objects: give --objects FILE"),
         (["--method", "residual", "-b", "1,2"], 1, "needs the NIR among the bands"),
         (["-b", "nonsense"], 1, "nonsense"),
         (["--pfa", "2"], 2, "0<x<1"),
@@ -409,7 +416,8 @@ def test_auto_takes_rx_for_fewer_pixels_than_the_statistics_of_water_need(rxdete
 @pytest.mark.parametrize("method", ["rx", "local"])
 def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
     scene = write(tmp_path / "scene.tif", sea(*size))
-    ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, "--window", "1,3")
+    options = ("--window", "1,3") if method == "local" else ()
+    ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, *options)
     assert ran.code == (0 if size != (1, 1) else 3 if method == "local" else 1)
     assert "fault" not in ran.err
 
