@@ -108,18 +108,10 @@ def layers_of(scene: Any) -> dict[str, Layer]:
 
 def _tags(setup: Any) -> dict[str, str]:
     sensor = setup.sensor
-    numbers = {
-        "F_NUMBER": sensor.f_number,
-        "GSD_M": sensor.gsd,
-        "PIXEL_PITCH_UM": 1e6 * sensor.pitch,
-        "SMEAR_PIXELS": sensor.smear,
-        "SUN_ZENITH_DEG": setup.sun_zenith,
-        "SUN_AZIMUTH_DEG": setup.sun_azimuth,
-        "VIEW_ZENITH_DEG": setup.view_zenith,
-        "VIEW_AZIMUTH_DEG": setup.view_azimuth,
-        "WIND_M_S": setup.wind,
-        "WIND_FROM_DEG": setup.wind_from,
-    }
+    angles = ("sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "wind_from")
+    numbers = {f"{name.upper()}_DEG": getattr(setup, name) for name in angles} | {"WIND_M_S": setup.wind}
+    numbers |= {"F_NUMBER": sensor.f_number, "GSD_M": sensor.gsd, "SMEAR_PIXELS": sensor.smear}
+    numbers |= {"PIXEL_PITCH_UM": 1e6 * sensor.pitch}
     said = {"SENSOR": sensor.name, "FULL_SCALE": str(sensor.levels)}
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 

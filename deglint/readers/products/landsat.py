@@ -49,12 +49,8 @@ def find(container: Container) -> Product | None:
             f"reflectance is not divided by the sine of the sun's elevation ({elevation:g} degrees, a factor of "
             f"{1 / math.sin(math.radians(elevation)):.3f} for the whole scene)"
         )
-    angles = angle_tags(
-        sun_elevation=elevation,
-        sun_azimuth=said(facts, "SUN_AZIMUTH"),
-        off_nadir=said_number(facts, "ROLL_ANGLE"),
-        altitude=LANDSAT_ORBIT,
-    )
+    azimuth, roll = said(facts, "SUN_AZIMUTH"), said_number(facts, "ROLL_ANGLE")
+    angles = angle_tags(sun_elevation=elevation, sun_azimuth=azimuth, off_nadir=roll, altitude=LANDSAT_ORBIT)
     when = "T".join(filter(None, (said(facts, "DATE_ACQUIRED"), said(facts, "SCENE_CENTER_TIME"))))
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"
