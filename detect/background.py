@@ -23,7 +23,7 @@ from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
-HIGHEST = 1e150  # largest absolute value: the sums of squares stay within double precision
+HIGHEST_VALUE = 1e150  # largest absolute value: the sums of squares stay within double precision
 ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
 
 
@@ -226,10 +226,10 @@ def check_rule(covariance: str, ridge: float) -> None:
 
 
 def check_range(values: Array) -> None:
-    """Raise InputError if a value is beyond +-`HIGHEST`."""
-    if np.abs(values).max(initial=0) > HIGHEST:
+    """Raise InputError if a value is beyond +-`HIGHEST_VALUE`."""
+    if np.abs(values).max(initial=0) > HIGHEST_VALUE:
         raise InputError(
-            f"values: allowed is up to {HIGHEST:g} in absolute value, squares of larger values are beyond double "
+            f"values: allowed is up to {HIGHEST_VALUE:g} in absolute value, squares of larger values are beyond double "
             "precision. Bring them to other units, or mark what is not valid as nodata (NaN)."
         )
 
