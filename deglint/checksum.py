@@ -51,9 +51,7 @@ class Checksum:
         """Path of the first file (not .aux.xml, .ovr) changed, added or removed since this object was made, or None."""
         crcs = {file["path"]: file["crc32"] for file in self._found}
         after = {path: _stamp(path) for path in (*files_behind(self._names), *files_behind(self._aside))}
-        for path in {**self._before, **after}:
-            if path.endswith(_VIEWER_FILES):
-                continue
+        for path in (name for name in {**self._before, **after} if not name.endswith(_VIEWER_FILES)):
             one, two = self._before.get(path), after.get(path)
             same = one == two and (path in self._before) == (path in after)
             if not same and one and two and one[:3] == two[:3]:  # the time may have been reset

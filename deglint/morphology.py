@@ -41,11 +41,12 @@ def opened(mask: npt.NDArray[np.bool_], side: int) -> npt.NDArray[np.bool_]:
     return np.asarray(cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, square(side))).view(np.bool_)
 
 
-def box_sum(values: npt.NDArray[Any], side: int, depth: int = -1) -> npt.NDArray[Any]:
+def box_sum(values: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
     """Sum of values (row, column) over the `side` x `side` pixels around each pixel; values outside the image are 0.
 
-    The result has the data type of the values, or the OpenCV type `depth`. Sums of integers that it can hold are exact.
+    The result has the data type of the values if that is a float, else int32. Sums of integers below 2^31 are exact.
     """
     import cv2
 
+    depth = -1 if values.dtype.kind == "f" else cv2.CV_32S
     return np.asarray(cv2.boxFilter(values, depth, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT))

@@ -121,6 +121,9 @@ def apply(
     """
     need_xarray()
     opened, threads = open_array(array, **reading), default_threads(threads)
+    if chain is not None:
+        check_kind(chain, Chain, "chain", "Take that of a fit: chain=fitted.chain.")
+        check_kind(fitted, GlintModel, "fitted", "A Fitted has its own chain: leave chain out, or pass fitted.model.")
     if isinstance(fitted, GlintModel):
         recipe = Recipe() if mask is None else Recipe(mask=mask)
         if recipe.mask == "auto":  # else nothing is computed yet

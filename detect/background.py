@@ -23,6 +23,7 @@ from .arrays import Array, Float64, Int64, Mask
 
 COVARIANCES = ("empirical", "ridge", "ledoit-wolf", "oas", "mcd")  # estimators of `detect.covariance`
 RIDGE = 1e-3  # default share of each band's variance that `ridge` adds
+HIGHEST_VALUE = 1e150  # largest absolute value: the sums of squares stay within double precision
 ROBUST_SAMPLE = 1 << 17  # approximate maximum number of pixels in the sample for "mcd" and "ledoit-wolf"
 
 
@@ -196,7 +197,7 @@ def fit(
     image = as_image(image)
     mask = as_mask(mask, image)
     check_rule(covariance, ridge)
-    share = sample_share(covariance, image.shape[1] * image.shape[2])
+    share = sample_share(covariance, image[0].size if mask is None else int(np.count_nonzero(mask)))
 
     def part(row: int) -> Part:
         rows = slice(row, row + CELL)
@@ -208,7 +209,7 @@ def fit(
 
 
 def sample_share(covariance: str, pixels: int) -> int:
-    """N, if the estimator `covariance` needs a sample of one in N of a scene's `pixels` pixels; 0 if it needs none."""
+    """N, if the estimator `covariance` needs a sample of one in N of a background's `pixels`; 0 if it needs none."""
     return max(1, -(-pixels // ROBUST_SAMPLE)) if covariance in ("mcd", "ledoit-wolf") else 0
 
 
@@ -217,6 +218,15 @@ def check_rule(covariance: str, ridge: float) -> None:
     check_choice(covariance, list(COVARIANCES), "covariance")
     if not (np.isfinite(ridge) and ridge >= 0):
         raise InputError(f"ridge: want a share of the variance, 0 or more, got {ridge}.")
+
+
+def check_range(values: Array) -> None:
+    """Raise InputError if a value is beyond +-`HIGHEST_VALUE`."""
+    if np.abs(values).max(initial=0) > HIGHEST_VALUE:
+        raise InputError(
+            f"values: allowed is up to {HIGHEST_VALUE:g} in absolute value, squares of larger values are beyond double "
+            "precision. Bring them to other units, or mark what is not valid as nodata (NaN)."
+        )
 
 
 def as_image(image: Array) -> Array:

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from deglint.errors import InputError
 
 from .arrays import Float32
+from .background import check_range
 from .covariance import ridged, whitener
 
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
 _OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
-_HIGHEST_VALUE = 1e150  # largest absolute value: the sums of squares stay within double precision
 _LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
 
 
@@ -74,11 +74,7 @@ class LineScorer:
         valid = np.isfinite(values).all(axis=0)
         out = np.full(values.shape[1], np.nan, np.float32)
         taken = values if valid.all() else values[:, valid]
-        if np.abs(taken).max(initial=0) > _HIGHEST_VALUE:
-            raise InputError(
-                f"line: allowed is up to {_HIGHEST_VALUE:g} in absolute value, squares of larger values are beyond "
-                "double precision. Bring it to other units, or mark what is not valid as NaN."
-            )
+        check_range(taken)
         if self._weight >= _FIRST * len(values):
             away = taken - self._mean[:, None]
             white = whitener(ridged(self._second, _LINE_RIDGE)) @ away

@@ -24,7 +24,7 @@ from deglint.errors import InputError
 from deglint.tiles import Tile
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
-from .background import as_image, as_mask, check_rule
+from .background import as_image, as_mask, check_range, check_rule
 from .covariance import TOLERANCE
 
 CELL = 256  # side of the cells computed at a time [pixel]; tiles that start at multiples of it have identical scores
@@ -106,7 +106,7 @@ def local_rx(
     Raises
     ------
     InputError
-        A parameter is not allowed, the window is too large for the border rule, or the shapes differ.
+        A parameter or a value (+-1e150) is not allowed, the window is too large for the border rule, or shapes differ.
 
     Examples
     --------
@@ -148,6 +148,8 @@ def score_part(
     good = np.asarray(np.isfinite(block).all(axis=0))
     if mask is not None:
         good &= mask
+    if dtype is np.float64:
+        check_range(block[:, good])
 
     def score_cell(cell: Tile) -> None:
         own = cell.within(part)

@@ -169,6 +169,8 @@ def test_outputs_are_not_replaced_and_nothing_is_measured_in_vain(rxdetect, tmp_
     assert "--overwrite" in ran.err
     assert rxdetect("bench", "a.html", "--json", "a.html").code == 2
     assert rxdetect("bench", "nowhere/a.html").code == 1
+    assert "Name it scene.html." in rxdetect("bench", "scene.tif", "--quick", "--only", "kutser").err
+    assert "Name it b.json." in rxdetect("bench", "--json", "b.html", "--quick", "--only", "kutser").err
     ran = rxdetect("bench", "--only", "speed")
     assert ran.code == 2
     assert "hedley" in ran.err

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deglint.morphology import box_sum
 from deglint.remove.detrend import detrend, detrend_plane
 
 
@@ -125,3 +126,9 @@ def test_of_a_pixel_alone_its_plane_leaves_nothing():
     found = detrend_plane(np.full((1, 20, 20), 7.5), sample, 5)
     assert found[0, 4, 5] == 0
     assert np.isnan(found).sum() == 399
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "int16", "int32", "float32", "float64"])
+def test_sums_of_squares_of_pixels_hold_what_their_type_does_not(kind):
+    found = box_sum(np.full((5, 7), 200, kind), 15)
+    assert np.unique(found).tolist() == [5 * 7 * 200]

@@ -120,6 +120,9 @@ def test_an_output_has_the_ending_of_what_it_holds(deglint, rxdetect, sea, write
         for dry in ((), ("--dry-run",)):
             ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, option, tmp_path / name, *dry)
             assert (ran.code, f"Name it {right}." in ran.err) == (1, True), ran.err
+    for program, command in ((deglint, "remove"), (rxdetect, "score")):
+        ran = program(command, source, tmp_path / "in.tif.json")
+        assert (ran.code, "Name it in.tif.tif." in ran.err) == (1, True), ran.err
     ran = rxdetect("roc", source, source, "--report", tmp_path / "roc.pdf")
     assert (ran.code, "Name it roc.html." in ran.err) == (1, True), ran.err
 

@@ -127,6 +127,18 @@ def test_too_small_is_3_and_the_remedies_work(sea, write, deglint, tmp_path):
     assert deglint("remove", small, out, *HEDLEY, "--sample", "all").code == 0
 
 
+@pytest.mark.parametrize(("side", "code"), [(12, 3), (16, 1)])
+def test_a_scene_that_is_too_small_for_the_default_is_corrected_as_the_message_says(
+    sea, write, deglint, tmp_path, side, code
+):
+    source, out = write(tmp_path / "in.tif", sea(side, side)), tmp_path / "out.tif"
+    for options in ((), ("--sample", "all")):
+        ran = deglint("remove", source, out, *options)
+        assert ran.code == (code if not options else 1)
+        assert "take --method hedley --sample all." in ran.err
+    assert deglint("remove", source, out, "--method", "hedley", "--sample", "all").code == 0
+
+
 def test_a_mask_beside_the_water_is_3_and_another_one_works(sea, write, deglint, geojson, tmp_path):
     scene = sea(80, 100)
     scene[:, 20:70, 10:90] = 7

@@ -262,6 +262,29 @@ def test_features_by_command_are_written_with_their_truth(tmp_path):
         assert "mirrored sky, without sun glint" in high.tags()["MEANING"]
 
 
+def test_a_dry_run_of_a_scene_names_every_file_and_refuses_what_the_run_refuses(tmp_path, deglint):
+    import rasterio
+
+    call = ["simulate", "--size", "16x24", "--bottom", "12:2", "--coast", "1", "--surface", "--objects", "none"]
+    announced = deglint(*call, tmp_path / "s", "--dry-run", "--json")
+    size = deglint(*call, tmp_path / "s.tif", "--dry-run").out
+    assert size.startswith(f"{tmp_path / 's.tif'}\n1 scene with the truth, at most ")
+    assert list(tmp_path.iterdir()) == []
+    files = json.loads(deglint(*call, tmp_path / "s", "--json").out)
+    assert sorted(json.loads(announced.out)) == sorted(files) == sorted(map(str, tmp_path.iterdir()))
+    total = 0
+    for path in (f for f in files if f.endswith(".tif")):
+        with rasterio.open(path) as image:
+            total += image.read().nbytes
+    assert f"at most {total / 1000:.3g} kB." in size
+    (tmp_path / "other_objects.tif").touch()
+    for dry in ((), ("--dry-run",)):
+        ran = deglint(*call, tmp_path / "other", *dry)
+        assert (ran.code, "other_objects.tif exists already" in ran.err) == (1, True)
+        assert "does not exist" in deglint(*call, tmp_path / "no" / "s", *dry).err
+    assert not (tmp_path / "other.tif").exists()
+
+
 @pytest.mark.slow
 def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     from deglint.cli import run
@@ -270,8 +293,14 @@ def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 31  # three delays, five viewing geometries, two f-numbers
     assert lines[0].endswith("wind05_delay000_view00_000_f10.tif")
-    assert "30 scenes with the truth, at most 17 MiB" in lines[-1]
+    assert "30 scenes with the truth, at most 17 MB" in lines[-1]
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", [("--wind", "5", "--wind", "5"), ("--delay", "0.0601", "--delay", "0.0604")])
+def test_scenes_of_one_name_are_refused_before_the_first(tmp_path, deglint, option):
+    ran = deglint("simulate", "--grid", "--size", "8", "--objects", "none", *option, tmp_path)
+    assert (ran.code, "two outputs have the same name" in ran.err, list(tmp_path.iterdir())) == (1, True, [])
 
 
 @pytest.mark.parametrize("command", ["simulate", "plan"])

@@ -378,6 +378,27 @@ def test_an_nir_that_does_not_vary_is_refused_though_a_second_does():
         fitted(block, (*BANDS, Band("NIR2", 950.0)))
 
 
+@pytest.mark.parametrize("value", [7.0, np.nan])
+def test_a_swir_that_does_not_vary_is_left_out_with_a_word(value):
+    block = swell_block()
+    swir = np.full((1, *block.shape[1:]), value, np.float32)
+    bands = (*BANDS, Band("SWIR", 1610.0))
+    model = fitted(np.concatenate([block, swir]), bands, correct=(0, 1, 2))
+    assert model.warnings == ("SWIR does not vary over the sample, so it is not used as a reference.",)
+    assert (model.indexes, model.index_bands) == (fitted(block).indexes, (3,))
+    swir[:], swir[0, 0, 0] = 0, 1  # nor does it where kernels learn
+    assert fitted(np.concatenate([block, swir]), bands, correct=(0, 1, 2)).index_bands == (3,)
+
+
+def test_a_swir_of_few_values_gives_sparkle_no_limit_beyond_single_precision(recwarn):
+    swir = np.zeros((64, 64), np.float32)
+    swir[:4, :5] = 5
+    every = np.ones(swir.shape, bool)
+    rule = fit_reference([(swir, every)], 4, sparkle=True)
+    clean(swir, every, rule)
+    assert not [w.message for w in recwarn]
+
+
 def test_models_survive_json_and_say_what_they_follow():
     model = fitted(swell_block())
     assert GlintModel.from_json(model.to_json()) == model

@@ -458,6 +458,10 @@ def test_what_does_not_match_the_fit_is_said(sea):
         deglint.xr.apply(array[:3], fitted)
     with pytest.raises(InputError, match="fitted: want a Fitted, got 'hedley'"):
         deglint.xr.apply(array, "hedley")
+    with pytest.raises(InputError, match=r"fitted: want a GlintModel, got a Fitted\. .* pass fitted\.model\."):
+        deglint.xr.apply(array, fitted, chain=fitted.chain)
+    with pytest.raises(InputError, match="chain: want a Chain, got 'thesis'"):
+        deglint.xr.apply(array, fitted.model, chain="thesis")
     for fit in (fitted, fitted.model):
         with pytest.raises(InputError, match="threads: want a number from 1"):
             deglint.xr.apply(array, fit, threads=-1)

@@ -10,11 +10,10 @@ import click
 
 from . import options
 from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
+from .remove import size
 
 log = logging.getLogger(__name__)
 
-BYTES = 2 + 4 + 4 + 2 + 4 + 1 + 1
-"""Size of a pixel of one band in all outputs [byte]: image, two truths, noisy truth, glint, glint mask, cover class."""
 LEAST_SIDE, MOST_SIDE = 8, 16384  # limits of the side of an image [pixel]
 
 
@@ -110,21 +109,22 @@ def simulate(out: Path, **given: Any) -> None:
     deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
-    from ..raster.simulated import check_free, write_scene
-    from ..raster.targets import make_directory
+    from ..raster.simulated import files_of, write_scene
+    from ..raster.targets import check_targets, make_directory
     from ..simulate import simulate as make
     from ..tiles import default_threads
     from .running import Console
 
     written = []
     setups, workers = _setups(out, given), default_threads(given["threads"])
-    if given["dry_run"]:
-        _announce(setups, given)
-        return
-    if given["grid"]:
+    planned = [files_of(name, setup, surface=given["surface"]) for name, setup in setups]
+    if given["grid"] and not given["dry_run"]:
         make_directory(out)
-    for name, _setup in setups:
-        check_free(name, overwrite=given["overwrite"])
+    if out.exists() or not given["grid"]:
+        check_targets([path for files in planned for path in files], overwrite=given["overwrite"])
+    if given["dry_run"]:
+        _announce(planned, as_json=given["as_json"])
+        return
     bands = len(setups[0][1].sensor.bands)
     with Console(given) as console:
 
@@ -133,25 +133,24 @@ def simulate(out: Path, **given: Any) -> None:
 
         for count, (name, setup) in enumerate(setups):
             scene = make(setup, workers=workers, keep_surface=given["surface"], progress=progress)
-            files = write_scene(scene, name, overwrite=given["overwrite"])
-            written += [str(f) for f in files]
-            log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), files[0], setup.wind, setup.seed)
+            paths = write_scene(scene, name, overwrite=given["overwrite"])
+            written += [str(path) for path in paths]
+            log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), paths[0], setup.wind, setup.seed)
     if given["as_json"]:
         click.echo(json.dumps(written))
 
 
-def _announce(setups: list[tuple[Path, Any]], given: dict[str, Any]) -> None:
-    """Print the names of the images that would be written, and the size of all files before compression."""
-    rows, columns = given["size"]
-    pixel = len(setups[0][1].sensor.bands) * BYTES
-    files = [f"{name}.tif" for name, _setup in setups]
-    if given["as_json"]:
-        click.echo(json.dumps(files))
+def _announce(planned: list[dict[Path, int]], *, as_json: bool) -> None:
+    """Print the names of the images that would be written (JSON: of all files), and the size of all files.
+
+    `planned` has the files of each scene, and the size of their pixels before compression [byte].
+    """
+    if as_json:
+        click.echo(json.dumps([str(path) for files in planned for path in files]))
         return
-    click.echo("\n".join(files))
-    size = len(setups) * rows * columns * pixel / 2**20
-    many = "s" * (len(setups) > 1)
-    click.echo(f"{len(setups)} scene{many} with the truth, at most {size:.0f} MiB. Nothing was written.")
+    click.echo("\n".join(str(next(iter(files))) for files in planned))
+    total, many = size(sum(sum(files.values()) for files in planned)), "s" * (len(planned) > 1)
+    click.echo(f"{len(planned)} scene{many} with the truth, at most {total}. Nothing was written.")
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:

@@ -252,21 +252,21 @@ def noise_equivalent_radiance(
 
 
 def digitise(
-    radiance: Floats, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
+    radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, generator: np.random.Generator | None = None
 ) -> npt.NDArray[np.uint16]:
     """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
-    radiance : array of one or more dimensions, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
+    radiance : number or array, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
     sensor, band : the sensor, and one of its bands
     generator : random generator of the noise; without it there is no noise
 
     Returns digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`; times `Sensor.scale`, they are again
     radiance.
     """
-    count = np.maximum(electrons(radiance, sensor, band), 0.0)
+    count = np.asarray(np.maximum(electrons(radiance, sensor, band), 0.0))
     if generator is not None:
         dark = sensor.dark_current * sensor.exposure(band)
-        count = generator.poisson(np.minimum(count, 8 * sensor.well) + dark) - dark
+        count = np.asarray(generator.poisson(np.minimum(count, 8 * sensor.well) + dark) - dark)
         count += sensor.read_noise * generator.standard_normal(count.shape)
     count *= sensor.levels / sensor.well
     return np.rint(np.clip(count, 0, sensor.levels, out=count), out=count).astype(np.uint16)

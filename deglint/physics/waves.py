@@ -50,7 +50,7 @@ class Sea(Checked):
     spreading: Spreading | None = one_of(None, (None, *get_args(Spreading)))
     exponent: float = ranged(2.0, 0.5, 100.0, "", "It is the s of cos-2s; 2 is as wide as Cox and Munk at 9 m/s.")
     opposing: float = ranged(0.0, 0.0, 0.5, "", "It is the share of the energy that Elfouhaily's waves carry upwind.")
-    short_gain: float = 1.0  # factor on the energy of short waves (`SHORT_WAVES`), to match a measured slope variance
+    short_gain: float = ranged(1.0, 0.0, 1e3, "", "It matches a measured slope variance; 1 changes nothing.")
 
     @property
     def peak_wavenumber(self) -> float:

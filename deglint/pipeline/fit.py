@@ -121,8 +121,8 @@ def _fit_overviews(
     log_scene(scene)
     if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
         raise NoWaterError(
-            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit a correction to (at least "
-            f"{SMALLEST_SCENE}). Give a larger piece, apply a model fitted to one (--model), or pass --sample all."
+            f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit to, want {SMALLEST_SCENE}. "
+            "Give a larger piece, apply a model of one (--model), or take --method hedley --sample all."
         )
     request, of_nir = make_request(scene, recipe)
     said, *doubts = of_nir.split("; warning: ", 1)

@@ -79,13 +79,16 @@ class Recipe:
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
         method = METHODS.get(self.method)
         if self.floor_percentile and self.method not in ("hedley", "multiband"):
-            raise InputError("a floor percentile is for --method hedley or multiband: leave it out, or name one.")
+            methods = "methods hedley and multiband: leave it out, or name one of them with --method"
+            raise InputError(f"a floor percentile is for {methods}.")
         if self.regression != "auto" and not (method and method.regresses):
-            raise InputError(f"{self.method} has no regression: leave out --regression, or name a method like hedley.")
+            remedy = "leave out --regression, or name a method such as hedley"
+            raise InputError(f"{self.method} fits no slopes by regression: {remedy}.")
         if self.rrs_factor != float(np.pi) and self.method != "goodman":
-            raise InputError("the rrs factor is for method goodman.")
+            raise InputError("--rrs-factor is for goodman: leave it out.")
         if self.smallest_object and self.chain != "auto":
-            raise InputError("--smallest-object is for automatic choices: leave it out, or --method and --compensate.")
+            remedy = "leave it out, or --method and --compensate"
+            raise InputError(f"--smallest-object is for the automatic choice: {remedy}.")
         smallest_object(self.smallest_object, 1.0)  # raises InputError unless it is a width
         if self.compensate not in CHAINS:
             if hint := nearest(self.compensate, list(CHAINS)):

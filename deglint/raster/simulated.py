@@ -6,6 +6,7 @@ plan has values for each viewing geometry (zenith and azimuth of the sensor); it
 """
 
 import json
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -55,10 +56,15 @@ def write_scene(
     return [*targets.values(), sidecar]
 
 
-def check_free(stem: str | Path, *, overwrite: bool = False) -> None:
-    """Check, before a simulation, that image and JSON of `write_scene` can be written; raises WriteError if not."""
-    base = _base(stem)
-    check_targets([base.with_name(base.name + suffix) for suffix in (".tif", ".json")], overwrite=overwrite)
+def files_of(stem: str | Path, setup: Any, *, surface: bool = False) -> dict[Path, int]:
+    """All files that `write_scene` writes for a setup, image first, and the size of their pixels [byte] (JSON: 0)."""
+    base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
+    sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
+    sizes |= {"_glint": 4 * count, "_glint_mask": count, "_objects": 2}
+    sizes |= {"_cover": count} if setup.coast or setup.foam or setup.targets else {}
+    sizes |= ({"_depth": 4} if setup.bottom else {}) | ({"_height": 4, "_slopes": 8} if surface else {})
+    rasters = {base.with_name(f"{base.name}{part}.tif"): size * pixels for part, size in sizes.items()}
+    return rasters | {base.with_name(f"{base.name}.json"): 0}
 
 
 def _base(stem: str | Path) -> Path:
@@ -102,18 +108,10 @@ def layers_of(scene: Any) -> dict[str, Layer]:
 
 def _tags(setup: Any) -> dict[str, str]:
     sensor = setup.sensor
-    numbers = {
-        "F_NUMBER": sensor.f_number,
-        "GSD_M": sensor.gsd,
-        "PIXEL_PITCH_UM": 1e6 * sensor.pitch,
-        "SMEAR_PIXELS": sensor.smear,
-        "SUN_ZENITH_DEG": setup.sun_zenith,
-        "SUN_AZIMUTH_DEG": setup.sun_azimuth,
-        "VIEW_ZENITH_DEG": setup.view_zenith,
-        "VIEW_AZIMUTH_DEG": setup.view_azimuth,
-        "WIND_M_S": setup.wind,
-        "WIND_FROM_DEG": setup.wind_from,
-    }
+    angles = ("sun_zenith", "sun_azimuth", "view_zenith", "view_azimuth", "wind_from")
+    numbers = {f"{name.upper()}_DEG": getattr(setup, name) for name in angles} | {"WIND_M_S": setup.wind}
+    numbers |= {"F_NUMBER": sensor.f_number, "GSD_M": sensor.gsd, "SMEAR_PIXELS": sensor.smear}
+    numbers |= {"PIXEL_PITCH_UM": 1e6 * sensor.pitch}
     said = {"SENSOR": sensor.name, "FULL_SCALE": str(sensor.levels)}
     return said | {k: f"{v:g}" for k, v in numbers.items()} | {"SEED": str(setup.seed)}
 

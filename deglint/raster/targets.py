@@ -149,7 +149,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 def check_images(*paths: Path | None) -> None:
     """Raise WriteError if the name of a GeoTIFF has the ending of another format, such as .png; None is skipped."""
     for path in paths:
-        if path is not None and path.suffix.lower() in OTHER_FORMATS:
+        if path is not None and path.suffix.lower() in (*OTHER_FORMATS, *_PLAIN_TEXT):
             check_ending(path, "a GeoTIFF", ".tif")
 
 

@@ -188,8 +188,8 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
     groups = [grams.grams[a:b].sum(axis=0) for a, b in pairwise(np.arange(count + 1) * len(grams.grams) // count)]
     total = np.sum(groups, axis=0)
     varied = [total[grams.columns(k, 1)].any() for k in range(len(grams.sides))]
-    usable = [s for s in band_set.supports if len(s) <= len(varied) and varied[0] and varied[len(s) - 1]]
-    if not usable or not np.isfinite(total).all():
+    usable = dict.fromkeys(s if varied[len(s) - 1] else s[:1] for s in band_set.supports if len(s) <= len(varied))
+    if not varied[0] or not np.isfinite(total).all():
         raise FitError(
             "the NIR does not vary over the sample, or its squares are beyond double precision, so no kernel can be "
             "fitted. Choose another --nir, or a --sample where glint varies."

@@ -72,7 +72,7 @@ def fit_reference(
     limit = FACTOR * float(np.percentile(tops, QUARTILE))
     if sparkle:
         often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [99.0, 99.9]), np.finfo(np.float32).tiny)
-        limit = max(limit, float(seldom * (seldom / often) ** 3))
+        limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
 
 
@@ -128,10 +128,8 @@ def _grains(values: FloatArray, rule: ReferenceRule) -> npt.NDArray[np.uint16]:
 
 def _sums(grains: npt.NDArray[np.uint16], kept: Mask) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Sum of quantised values over the `kept` pixels in a square around each pixel, and number of pixels in the sum."""
-    import cv2
-
     some = grains if kept.all() else grains * kept
-    return box_sum(some, LOCAL_MEAN, cv2.CV_32S), box_sum(kept.view(np.uint8), LOCAL_MEAN, cv2.CV_32S)
+    return box_sum(some, LOCAL_MEAN), box_sum(kept.view(np.uint8), LOCAL_MEAN)
 
 
 def _mean(total: npt.NDArray[np.int32], count: npt.NDArray[np.int32], rule: ReferenceRule) -> Float64:

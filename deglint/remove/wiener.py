@@ -81,21 +81,22 @@ def fit(
 
     Returns a model without fits if the glint common to the bands is not significant or not worth removing.
 
-    Raises FitError for too little open water, a constant NIR or SWIR, or sums of squares beyond double precision.
+    Raises FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
     Stationary Time Series, MIT Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9,
     586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
+    request, notes = _without_constant(request, tiles)
     sets = band_sets(request)
     rules = _rules(request, tiles, list(dict.fromkeys(r for s in sets for r in s.references)))
     learnt = _trusted([_learnt(tile, request, rules) for tile in tiles], request)
     grams = [_gathered(s, learnt, request) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
-            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample with a "
-            "polygon or window over open water, or --mask with what is water."
+            "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
+            "with a polygon or window of open water; for a small scene, take --method hedley --sample all."
         )
     if callable(strips):
         mirrored = find_kernels(grams[0])
@@ -107,14 +108,25 @@ def fit(
     common = shared_glint(response, covariance, request)
     variance = float(common.weights @ covariance @ common.weights)
     sure = not variance > 0 or float(common.weights @ response) / np.sqrt(variance) > SURE
-    model = replace(_model(request, fitted, common), strips=strips if len(fitted) > 1 else None)
+    model = replace(_model(request, fitted, common), strips=strips if len(fitted) > 1 else None, warnings=notes)
     model = replace(model, references=tuple(rule for r, rule in rules.items() if r in model.index_bands))
     left = float(np.exp(np.log(np.maximum(np.concatenate([k.loss for k in every]), 1e-12)).mean() / 2))
     if not sure or left > 1 - kernels.WORTH:
         why = ": they share no glint" if sure else ", which is not significant"
         said = f"the NIR takes {max(1 - left, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
-        return replace(model, fits=(), references=(), warnings=(said,))
+        return replace(model, fits=(), references=(), warnings=(*notes, said))
     return _with_level(model, learnt, request)
+
+
+def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
+    """Leave out the wavelengths of bands that are constant or missing: they then serve as no second reference."""
+    bands, notes = list(request.bands), []
+    for i in set(range(len(bands))).difference(request.correct, request.nir):
+        values = np.concatenate([t.block[i][t.sample] for t in tiles])
+        if _serves(bands[i]) and not np.nanmin(values, initial=np.inf) < np.nanmax(values, initial=-np.inf):
+            bands[i] = replace(bands[i], wavelength=None)
+            notes.append(f"{bands[i].name} does not vary over the sample, so it is not used as a reference.")
+    return replace(request, bands=tuple(bands)), tuple(notes)
 
 
 def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequence[int]) -> dict[int, ReferenceRule]:
@@ -260,10 +272,9 @@ def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: C
     indexes = [_indexes(some, common, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
-        for k, place in enumerate(f.bands):
+        for place, loss in zip(f.bands, f.loss, strict=True):
             band, error = request.correct[place], float(np.sqrt(max(common.covariance[place, place], 0)))
-            r2 = float(1 - f.loss[k])
-            fits[place] = BandFit(band, request.bands[band].name, place, slopes[place], error, r2, f.pixels)
+            fits[place] = BandFit(band, request.names[band], place, slopes[place], error, float(1 - loss), f.pixels)
     second = indexes[1] if len(indexes) > 1 else ()
     return GlintModel("wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names, second=second)
 
@@ -320,7 +331,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
-    warnings = _sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
+    warnings = *model.warnings, *_sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
     least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # posterior means balance errors
     fits = tuple(replace(f, floor=at) for f, at in zip(model.fits, least, strict=True))
     model = replace(model, indexes=indexes, fits=fits, second=second, warnings=warnings)

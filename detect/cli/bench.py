@@ -43,7 +43,7 @@ def bench(out: str, **given: Any) -> None:
     rxdetect bench report.html --only hedley,multiband,default --seeds 3
     """
     from deglint.raster.output import Scratch, write_json, write_text
-    from deglint.raster.targets import check_targets
+    from deglint.raster.targets import check_ending, check_targets
 
     from ..bench import report
     from ..bench.numbers import as_json, load_now, provenance
@@ -59,6 +59,8 @@ def bench(out: str, **given: Any) -> None:
             raise click.BadParameter(f"{name!r} is no method; there are {', '.join(removals())}.", param_hint="--only")
     wanted = [name for name in removals() if name in given["only"] or not given["only"]]
     effort = Effort.of(wanted, quick=given["quick"], seeds=given["seeds"])
+    check_ending(targets[0], "a page of HTML", ".html", ".htm")
+    check_ending(targets[1], "numbers in JSON", ".json")
     check_targets(targets, {}, overwrite=given["overwrite"])
     start, load = time.perf_counter(), load_now()
     with Console(given) as console:

@@ -29,7 +29,7 @@ from ..rx import Detector, both, detector
 from ..sea.model import LEAST_WATER, SeaModel
 from ..sea.model import fit as fit_sea
 from ..sea.region import WATER, SeaRule, region
-from .recipe import Recipe
+from .recipe import OPTIONS_OF, Recipe
 
 Progress = Callable[[str, int, int], None]
 Water = tuple[WaterRule, tuple[int, ...]]  # rule that finds the water, and 0-based bands that the rule needs
@@ -38,8 +38,6 @@ _STRIP_LINES = 64  # minimum number of lines that are read at a time for "lines"
 _VISIBLE_RANGE = (400.0, 700.0)  # wavelengths of the default bands of "sea" [nm]: a removal leaves glint in the NIR
 _NIR = (740.0, 1100.0)  # wavelengths that show glint and almost no light from the water [nm]
 _MANY = 16  # number of bands above which a spectrum alone identifies a target
-_OTHERS = {"window": "local", "border": "local", "drop": "subspace", "background": "rx", "covariance": "rx"}
-"""For each option that "sea" does not have: the detector that "auto" selects where the option is not the default."""
 _SAMPLE_BLOCK = 1024  # side of the blocks that the statistics of water are fitted to [pixel]
 _BLOCKS = 4  # minimum number of blocks; more are read until their water would fill half of this number of blocks
 UNKNOWN_PIXEL = 10.0  # assumed side of a pixel if it is unknown [m]
@@ -228,8 +226,8 @@ def _masked(scene: Scene, recipe: Recipe, threads: int) -> tuple[Recipe, Area | 
 def _without_sea(scene: Scene, recipe: Recipe, single: bool) -> tuple[str, str]:
     """Detector to use in place of "sea", and why; "" if "sea" is possible. `single` is as in `make_plan`."""
     bands, pixels = len(recipe.bands or scene.bands), scene.height * scene.width
-    for name, method in _OTHERS.items():
-        if getattr(recipe, name) != getattr(Recipe, name):
+    for name, method in (OPTIONS_OF | {"background": "rx", "covariance": "rx"}).items():
+        if method != "sea" and getattr(recipe, name) != getattr(Recipe, name):
             return method, f"--{name} is an option of it"
     if recipe.threshold in ("chi2", "f"):
         return "rx", f"--threshold {recipe.threshold} is the law of its scores"
@@ -279,11 +277,20 @@ def fit_background(plan: Plan, run: tiling.Run = tiling.run, progress: Progress 
     recipe, bands = plan.recipe, plan.bands
     share = sample_share(recipe.covariance, plan.scene.height * plan.scene.width)
 
+    def inside(tile: Tile) -> Mask | None:
+        return both(plan.read_mask(tile), None if plan.area is None else plan.area.read(tile.window))
+
+    def count(tile: Tile) -> int:
+        mask = inside(tile)
+        return math.prod(tile.shape) if mask is None else int(np.count_nonzero(mask))
+
     def gather(tile: Tile) -> Part:
         block = plan.scene.source.read(tile.window, list(bands))
-        area = None if plan.area is None else plan.area.read(tile.window)
-        return Part.of(block, both(plan.read_mask(tile), area), (tile.row0, tile.col0), share)
+        return Part.of(block, inside(tile), (tile.row0, tile.col0), share)
 
+    if share > 1:
+        counts = run(plan.tiles, count, threads=plan.threads, start=enter_thread)
+        share = sample_share(recipe.covariance, sum(n for _tile, n in counts))
     told = progress and partial(progress, "fit")
     done = run(plan.tiles, gather, progress=told, threads=plan.threads, start=enter_thread)
     whole = Part.merge(list(tiling.by_rows(done, Part.merge)))

@@ -1,5 +1,6 @@
 """Options of `rxdetect score`, as frozen dataclasses: `Recipe` for the processing, `Outputs` for the output files."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,8 @@ from ..sea.region import LARGEST
 from ..threshold import THRESHOLDS
 
 SUFFIXES = (".geojson", ".json", ".gpkg")  # extensions of the file of objects
+OPTIONS_OF = {"window": "local", "border": "local", "drop": "subspace", "largest_object": "sea", "side": "sea"}
+"""Options that only one detector has, and this detector."""
 PICTURE = "object_{:04d}.png"  # name of the picture of an object, with the number of the object
 
 
@@ -87,12 +90,17 @@ class Recipe:
         if self.pfa is not None and not 0 < self.pfa < 1:
             raise InputError(f"pfa: allowed is above 0 and below 1, got {self.pfa}.")
         method, rate = self.method, self.false_per_km2
+        for name, owner in OPTIONS_OF.items():
+            if method not in ("auto", owner) and getattr(self, name) != getattr(Recipe, name):
+                raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
         allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
         if self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)):
             raise InputError(
                 f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
                 f"{' or '.join(allowed)}."
             )
+        if self.ridge != RIDGE and self.covariance != "ridge":
+            raise InputError("--ridge is for --covariance ridge: give that, too.")
         if rate is not None and not rate > 0:
             raise InputError(f"false-per-km2: allowed is above 0, got {rate}.")
         if rate is not None and self.pfa is not None:
@@ -131,13 +139,18 @@ class Outputs:
 
     def check(self, recipe: Recipe) -> None:
         """Raise InputError if the recipe cannot produce an output, or an extension or a combination is not allowed."""
+        place = self.chips and next(p for p in (self.chips, *self.chips.parents) if p.exists())
         if self.objects and not recipe.thresholded:
             wanted = "--pfa, the false alarms wanted per pixel, such as 1e-4, or --false-per-km2"
             raise InputError(f"objects need a threshold: give {wanted}.")
         if recipe.moving and not self.objects:
             raise InputError("--moving gives objects a speed and a heading: give --objects FILE, too.")
-        if self.chips and self.chips.exists() and not self.chips.is_dir():
-            raise InputError(f"{self.chips} (--chips) is a file: name a folder.")
+        if place and not place.is_dir():
+            raise InputError(f"{place} (--chips) is a file: name a folder.")
+        if place and not os.access(place, os.W_OK):
+            raise InputError(f"no permission to write in {place} (--chips): name a folder.")
+        if not self.objects and (recipe.min_size, recipe.merge_distance) != (Recipe.min_size, Recipe.merge_distance):
+            raise InputError("--min-size and --merge-distance are for objects: give --objects FILE, too.")
         if self.chips and not self.objects:
             raise InputError("chips are pictures of objects: give --objects FILE, too.")
         if self.objects and self.objects.suffix.lower() not in SUFFIXES:

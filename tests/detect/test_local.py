@@ -298,6 +298,12 @@ def test_refusals():
     for border in ("mirror", "shift"):
         with pytest.raises(InputError, match="do not fit into 40 x 36"):
             local_rx(image, inner=3, outer=37, border=border)
+    for value in (1e200, -np.finfo(np.float64).max):
+        extreme = image.astype(np.float64)
+        extreme[0, 20, 20] = value
+        with pytest.raises(InputError, match="beyond double precision"):
+            local_rx(extreme, inner=3, outer=5)
+        assert np.isfinite(local_rx(extreme, inner=3, outer=5, mask=np.abs(extreme[0]) < 1e9)).sum() > 1000
     with pytest.raises(InputError, match="flags: want a uint8"):
         local_rx(image, inner=3, outer=5, flags=np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="ridge"):

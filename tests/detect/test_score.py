@@ -40,7 +40,8 @@ def scores_of(path):
 @pytest.mark.parametrize("method", sorted(set(rx.METHODS) - {"sea", "lines"}))
 def test_the_file_is_what_the_arrays_give(rxdetect, scene, tmp_path, method):
     out = tmp_path / "out.tif"
-    ran = rxdetect("score", scene, out, "--method", method, "--window", "3,9", "--json")
+    options = ("--window", "3,9") if method == "local" else ()
+    ran = rxdetect("score", scene, out, "--method", method, *options, "--json")
     assert ran.code == 0, ran.err
     image = pixels_of(scene)
     if method == "local":
@@ -231,6 +232,27 @@ def test_background_and_mask_from_files(rxdetect, scene, tmp_path, geojson, writ
         np.testing.assert_array_equal(scores_of(out), expected)
 
 
+def test_the_robust_sample_is_a_share_of_the_background_not_of_the_scene(rxdetect, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(background, "ROBUST_SAMPLE", 600)
+    image, inside = pixels_of(scene), np.zeros((200, 230), bool)
+    inside[20:40, 30:60] = True
+    whole = background.fit(image[:, 20:40, 30:60], covariance="mcd")
+    assert whole.n > 500
+    ran = rxdetect("score", scene, tmp_path / "o.tif", "--background", "30,20,30,20", "--covariance", "mcd", "--json")
+    assert json.loads(ran.out)["background"]["n"] == whole.n == background.fit(image, mask=inside, covariance="mcd").n
+
+
+@pytest.mark.parametrize("method", ["rx", "local"])
+def test_scores_beyond_single_precision_are_the_largest_of_it(rxdetect, sea, write, tmp_path, method, recwarn):
+    pixels = sea(height=40, width=50, dtype="float64")
+    pixels[1, 20, 25] = 1e120
+    scene, out = write(tmp_path / "scene.tif", pixels), tmp_path / "out.tif"
+    options = ("--method", "rx", "--background", "0,0,50,10") if method == "rx" else ("--method", "local")
+    ran = rxdetect("score", scene, out, *options)
+    assert (ran.code, scores_of(out)[20, 25]) == (0, np.finfo(np.float32).max)
+    assert not recwarn.list
+
+
 def test_water_mask_leaves_land_out(rxdetect, tmp_path, sea, write):
     pixels = sea(height=150, width=160)
     pixels[:, :, :60] = 9000 + np.random.default_rng(0).integers(0, 3000, (4, 150, 60))
@@ -292,11 +314,21 @@ def test_odd_covariances_are_told(rxdetect, tmp_path, sea, write):
         (["--method", "local", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--method", "sea", "--mask", "none", "--background", "1,1,5,5"], 1, "leave out --background"),
         (["--moving", "--pfa", "1e-3"], 1, "give --objects FILE"),
-        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"], 1, "scene.tif (--chips) is a file"),
+        (
+            ["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "scene.tif"],
+            1,
+            "scene.tif (--chips) is a file",
+        ),
         (["--method", "local", "--save-background", "b.json"], 1, "Leave out --save-background"),
         (["--method", "local", "--window", "4,9"], 1, "want odd sides"),
         (["--method", "local", "--window", "x"], 2, "is not INNER,OUTER"),
         (["--method", "subspace", "--drop", "4"], 1, "drop: want 0 to 3"),
+        (["--method", "rx", "--window", "3,9"], 1, "--window is for method local, not rx: leave it out."),
+        (["--method", "local", "--drop", "2"], 1, "--drop is for method subspace, not local"),
+        (["--method", "rx", "--largest-object", "9,3"], 1, "--largest-object is for method sea, not rx"),
+        (["--window", "3,9", "--drop", "2"], 1, "--drop is for method subspace, not local"),
+        (["--ridge", "0.1"], 1, "--ridge is for --covariance ridge"),
+        (["--pfa", "1e-3", "--min-size", "4"], 1, "are for objects: give --objects FILE"),
         (["--method", "residual", "-b", "1,2"], 1, "needs the NIR among the bands"),
         (["-b", "nonsense"], 1, "nonsense"),
         (["--pfa", "2"], 2, "0<x<1"),
@@ -352,6 +384,7 @@ def never_scored(monkeypatch):
     [
         (["--false-per-km2", "1"], "false-per-km2 needs the size of a pixel"),
         (["--pfa", "1e-3", "--objects", "o.geojson", "--moving"], "--moving needs the size of a pixel"),
+        (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "in.tif/a/b"], "in.tif (--chips) is a file"),
         (["--pfa", "1e-3", "--objects", "old.gpkg"], "old.qml exists already"),
         (["--pfa", "1e-3", "--objects", "o.geojson", "--chips", "chips"], "object_0001.png exists already"),
     ],
@@ -383,7 +416,8 @@ def test_auto_takes_rx_for_fewer_pixels_than_the_statistics_of_water_need(rxdete
 @pytest.mark.parametrize("method", ["rx", "local"])
 def test_tiny_scenes(tmp_path, sea, write, size, method, rxdetect):
     scene = write(tmp_path / "scene.tif", sea(*size))
-    ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, "--window", "1,3")
+    options = ("--window", "1,3") if method == "local" else ()
+    ran = rxdetect("score", scene, tmp_path / "out.tif", "--method", method, *options)
     assert ran.code == (0 if size != (1, 1) else 3 if method == "local" else 1)
     assert "fault" not in ran.err
 

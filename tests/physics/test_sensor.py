@@ -105,6 +105,14 @@ def test_numbers_round_and_saturate():
     assert got.tolist() == [0, 0, 1, 100, 4094, 4095, 4095]
 
 
+def test_a_single_radiance_is_digitised_as_in_an_array():
+    for seed in (None, 1):
+        made = [None if seed is None else np.random.default_rng(seed) for _ in range(2)]
+        one = digitise(0.05, THESIS, THESIS.bands[0], generator=made[0])
+        many = digitise(np.array([0.05]), THESIS, THESIS.bands[0], generator=made[1])
+        assert (one.shape, one.dtype, one.item()) == ((), np.uint16, many[0])
+
+
 def test_noise_is_as_large_as_it_says():
     band = THESIS.bands[2]
     sensor = replace(THESIS, bits=10, dark_current=2e4, read_noise=40.0)

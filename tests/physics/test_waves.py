@@ -300,6 +300,8 @@ def test_slabs_cover_all_rows_once():
         (lambda: Sea(wind=0.5), "wind must be 1 to 20 m/s, got 0.5"),
         (lambda: Sea(wind=30.0), "wind must be 1 to 20 m/s, got 30"),
         (lambda: Sea(wind=5.0, fetch=20.0), "fetch must be 1000 to"),
+        (lambda: Sea(wind=5.0, short_gain=-1.0), "short_gain must be 0 to 1000, got -1"),
+        (lambda: Sea(wind=5.0, short_gain=np.nan), "short_gain must be a finite number, got nan"),
         (lambda: Sea(wind=5.0, spectrum="swell"), "spectrum must be one of elfouhaily"),
         (
             lambda: realise(Sea(wind=9.0), shape=(100, 100), spacing=0.1),

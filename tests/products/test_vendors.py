@@ -1,5 +1,6 @@
 """WorldView, GeoEye, Pleiades and SPOT, and the captures and mosaics of drones: as `test_products`."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -96,6 +97,17 @@ def test_dates_and_angles_become_tags(vendor, sea, tmp_path):
     )
     tags = deglint.open_scene(vendor.dimap(tmp_path / "d", sea())).source.info.tags[""]
     assert (tags["acquired"], tags["sun_elevation"], tags["view_angle"]) == ("2022-01-15T10:30:45.6Z", "61.0", "12.5")
+
+
+@pytest.mark.parametrize(("left", "said"), [("date", "2022-01-15 2022-03-11"), ("", "None None")])
+def test_a_date_or_time_that_is_missing_is_left_out_of_the_tag(make, vendor, sea, tmp_path, left, said):
+    found = []
+    for folder in (vendor.dimap(tmp_path / "d", sea()), make.landsat(tmp_path / "l", sea())):
+        for file in (*folder.rglob("*.XML"), *folder.rglob("*_MTL.txt")):
+            text = re.sub(r"10:30:45.6Z|03:47:32.6439190Z", "", file.read_text())
+            file.write_text(text if left else re.sub(r"2022-01-15(?=</IMAGING)|2022-03-11", "", text))
+        found.append(str(deglint.open_scene(folder).source.info.tags[""].get("acquired")))
+    assert " ".join(found) == said
 
 
 def test_tiles_lie_where_they_belong(vendor, sea, tmp_path):

@@ -58,8 +58,8 @@ def _product(container: Container, member: str, root: ET.Element) -> Product:
         notes.append(f"the product is {why}: its numbers are taken as they stand")
     mission = said(root, ".//Strip_Source/MISSION", ".//MISSION").upper()
     index = said(root, ".//Strip_Source/MISSION_INDEX", ".//MISSION_INDEX")
-    when = f"{said(root, './/IMAGING_DATE')}T{said(root, './/IMAGING_TIME')}"
-    facts = {"satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when if len(when) > 1 else None}
+    when = "T".join(filter(None, (said(root, ".//IMAGING_DATE"), said(root, ".//IMAGING_TIME"))))
+    facts = {"satellite": f"{_DIMAP_TITLES.get(mission, mission)} {index}", "acquired": when}
     tags = tags_of(facts | {"view_angle": said(root, ".//INCIDENCE_ANGLE")} | _angles(root))
     name = said(root, ".//DATASET_NAME") or PurePosixPath(member).stem.removeprefix("DIM_")
     kind = f"{_DIMAP_TITLES.get(mission, 'DIMAP')} {index}".strip()

@@ -52,7 +52,7 @@ def find(container: Container) -> Product | None:
         )
     angles: dict[str, Any] = {"sun_elevation": elevation, "sun_azimuth": said(facts, "SUN_AZIMUTH")}
     angles |= view_tags(None, None, said_number(facts, "ROLL_ANGLE"), LANDSAT_ORBIT)
-    when = "" if facts is None else f"{said(facts, 'DATE_ACQUIRED')}T{said(facts, 'SCENE_CENTER_TIME')}"
+    when = "T".join(filter(None, (said(facts, "DATE_ACQUIRED"), said(facts, "SCENE_CENTER_TIME"))))
     tags = tags_of({"satellite": said(facts, "SPACECRAFT_ID"), "acquired": when} | angles)
     kind = f"Landsat {scene[3:4]} Level {level}"
     return Product(kind, scene, tuple(sorted(bands, key=lambda b: b.name)), "landsat8", tags, tuple(notes))
