@@ -252,12 +252,24 @@ def test_pits_that_end_at_zero_count_however_small_they_are():
     assert len(ringing(sampled(np.maximum(rung, 0))[1], rough)) == 8
 
 
-def test_the_background_is_that_of_the_pixels_with_the_least_glint():
-    water, noise = np.array([50.0, 40.0, 30.0, 10.0])[:, None, None], RNG.normal(0, 1, (4, 300, 320))
-    waves = cv2.GaussianBlur(RNG.normal(0, 1, (300, 320)), (0, 0), 0.7)  # every pixel has glint, nearly even in clumps
-    glint = 4 * np.exp(waves / waves.std())
+def background_above_water(glint, texture):
+    """Median of the background over the water, (band,), in an image of noise, glint, and texture that the NIR lacks."""
+    water = np.array([50.0, 40.0, 30.0, 10.0])[:, None, None]
     bands = tuple(Band(f"b{w}", wavelength=float(w)) for w in (450, 560, 660, 850))
-    state = State.of((water + glint + noise).astype(np.float32))
+    water = water + texture * np.array([1, 1, 1, 0])[:, None, None]
+    state = State.of((water + glint + RNG.normal(0, 1, (4, 300, 320))).astype(np.float32))
     stage = fit_background(Sample((state,), (state.water,)), Setting(bands, (3,)), 5)
-    errors = np.median(stage.apply(state).background - water, axis=(1, 2)) - np.percentile(glint, 10)
+    return np.median(stage.apply(state).background - water, axis=(1, 2))
+
+
+def test_the_background_is_that_of_the_pixels_with_the_least_glint():
+    waves = cv2.GaussianBlur(RNG.normal(0, 1, (300, 320)), (0, 0), 0.7)  # every pixel has glint
+    glint = 4 * np.exp(waves / waves.std())
+    errors = background_above_water(glint, np.zeros_like(glint)) - np.percentile(glint, 10)
     assert np.abs(errors).max() < 0.5  # half the noise of a pixel
+
+
+def test_texture_of_the_water_does_not_shift_its_background():
+    texture = cv2.GaussianBlur(RNG.normal(0, 1, (300, 320)), (0, 0), 0.7)
+    errors = background_above_water(np.zeros_like(texture), 5 * texture / texture.std())
+    assert np.abs(errors).max() < 0.5

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from ..moments import Float64
 from ..remove.noise import noise, spread
 from .sharpen import blurred
-from .state import Float32, Sample, Setting, State
+from .state import LASTS, Float32, Sample, Setting, State
 
 OPENING_WINDOW = 13
 """Default window [pixel]: the largest square within a disc of 4 m at 0.25 m is 12 pixels wide, and optics blur it."""
@@ -111,19 +111,22 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
     return out
 
 
-def least_glint(excess: Float32, order: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-    """Mask, (band, pixel), of the pixels with the least glint in the bands taken before and after each band.
+def least_glint(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
+    """Mask, (band, pixel), of the pixels with the least glint according to another band.
 
-    Other bands have other noise: the darkest pixels of the band itself would be those with the lowest noise.
+    The other band is the one in which water is darkest relative to glint (most often the NIR), of those with the same
+    sparkle, or else the next in time. In the band itself, the darkest pixels are those with the lowest noise; in bands
+    that show the water, too, they are its darkest parts. If there is only one band, the mask has all pixels.
 
-    excess : bands minus their openings, (band, pixel), in a unit in which glint is the same in all bands
-    order : 0-based bands in order of time; if there is only one, the mask has all pixels
+    excess : bands minus their openings, (band, pixel)
+    water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
+    times : time of each band, (band,) [s]
     """
     least = np.ones(excess.shape, np.bool_)
-    for place, b in enumerate(order):
-        if beside := [order[i] for i in (place - 1, place + 1) if 0 <= i < len(order)]:
-            glint = excess[beside].sum(axis=0)
-            least[b] = glint <= np.percentile(glint, LEAST_GLINT_PERCENT)
+    for b in range(len(excess) if len(excess) > 1 else 0):
+        apart = np.where(np.arange(len(times)) == b, np.inf, np.abs(times - times[b]))
+        seen = excess[np.argmin(np.where(apart <= max(apart.min(), LASTS), water, np.inf))]
+        least[b] = seen <= np.percentile(seen, LEAST_GLINT_PERCENT)
     return least
 
 
@@ -219,10 +222,12 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     stage = Background(size, setting.order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
     if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
         stage = replace(stage, limit=_limit(stage, sample, setting.nir))
-    above = [s.image - stage.level(s) for s in states]
-    excess = np.stack([sample.values([a[b] for a in above]) for b in bands])
+    levels = [stage.level(s) for s in states]
+    openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
+    excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
+    times = np.zeros(len(bands)) if setting.offsets is None else setting.offsets
     found = []
-    for b, least in enumerate(least_glint(excess / colour[:, None], setting.order)):
+    for b, least in enumerate(least_glint(excess, np.median(openings, axis=1) / colour, times)):
         values, middle = excess[b], float(np.median(excess[b, least]))
         about = max(spread(values[least & (values < middle)] - middle), float(sigma[b]))
         found.append((middle, about, float((values > middle + COVER_K * about).mean())))

@@ -18,6 +18,7 @@ from .psf import PSF
 
 Float32 = npt.NDArray[np.float32]
 LEAST_DELAY = 0.01  # least time between the first and the last band, in which ripples change [s]
+LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LARGEST = 1e15  # sums of the squares of larger numbers exceed float32
 
 

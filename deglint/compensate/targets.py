@@ -33,7 +33,7 @@ from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
 from . import spectra
 from .spectra import Flash, Model, Places
-from .state import LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
+from .state import LASTS, LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
 
@@ -44,7 +44,6 @@ SPECTRA_ALIKE, LIT_TOGETHER = 10.0, 4.0
 """`SPECTRA_ALIKE`: of the pixels that sparkle makes bright in all bands, one in ten has the spectrum of a target.
 `LIT_TOGETHER`: one flash makes about four of 3 x 3 pixels bright."""
 FEWEST_BANDS = 4  # three bands always fit the three parameters of a smooth spectrum
-LASTS = 0.1  # time for which a peak of sparkle may stay bright [s]: a quarter of the period of waves of 0.25 m
 LASTING = 0.2
 """Share of faint lit pixels that keep their brightness in all bands, above which sparkle cannot be distinguished from
 targets: 0.30 for 20 ms between bands and pixels of 0.9 m, up to 0.09 where the test works. Targets are brighter."""
