@@ -13,7 +13,16 @@ from deglint import Recipe, fit_scene, open_scene
 from deglint.choose import candidates
 from deglint.choose.candidates import Candidate, windows
 from deglint.choose.implants import gains, implants
-from deglint.choose.score import EDGES, SCALES, expected_errors, least_glint, least_signal, level_excess, powers
+from deglint.choose.score import (
+    EDGES,
+    SCALES,
+    expected_errors,
+    least_glint,
+    least_signal,
+    level_excess,
+    partners,
+    powers,
+)
 from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.errors import InputError
@@ -83,7 +92,7 @@ def test_bands_that_do_not_count_have_no_power():
     ],
 )
 def test_the_least_expected_error(power, gain, best):
-    found = expected_errors(np.array(power), np.array(power), np.array(gain, float), np.ones(2))
+    found = expected_errors(np.array(power), (np.array(power),) * 2, np.array(gain, float), np.ones(2))
     assert found.argmin() == best
 
 
@@ -91,25 +100,48 @@ def test_edges_of_the_scene_do_not_speak_against_an_opening():
     """Signal that the opening keeps as well as the posterior mean, which leaves glint; it would erase fine texture."""
     power = np.array([[2, 2, 2, 0.1], [0.071, 0.071, 0.071, 0.02], [0.042, 0.042, 0.042, 0.02]])
     gain, discs = np.array([[1.0] * 4, [0.9, 0.9, 0.9, 1], [0.4, 0.4, 0.5, 1]]), np.array([1.0, 0.97, 0.9])
-    texture, edges = (expected_errors(power, power, gain, discs, edges=e)[2] for e in (0.0, EDGES))
+    texture, edges = (expected_errors(power, (power, power), gain, discs, edges=e)[2] for e in (0.0, EDGES))
     assert edges < 0.6 * texture
-    same = expected_errors(power, power, np.ones((3, 4)), np.ones(3))
-    np.testing.assert_array_equal(expected_errors(power, power, np.ones((3, 4)), np.ones(3), edges=EDGES), same)
+    same = expected_errors(power, (power, power), np.ones((3, 4)), np.ones(3))
+    np.testing.assert_array_equal(
+        expected_errors(power, (power, power), np.ones((3, 4)), np.ones(3), edges=EDGES), same
+    )
 
 
 def test_a_bright_reef_that_a_removal_keeps_is_not_lost_as_plumes_are():
     """The coarsest signal is large; the removal takes plumes, and in the second case this signal, too."""
     fine, gain = np.array([[0.02] * 3, [0.001] * 3]), np.array([[1.0] * 4, [1.0, 1.0, 1.0, 0.6]])
     kept, taken = (np.column_stack([fine, [0.8, 0.8 * share]]) for share in (1.0, 0.36))
-    errors = [expected_errors(p, p, gain, np.ones(2)) for p in (kept, taken)]
+    errors = [expected_errors(p, (p, p), gain, np.ones(2)) for p in (kept, taken)]
     assert errors[0][1] < errors[0][0]
     assert errors[1][1] > 3 * errors[0][1]
 
 
 def test_lost_objects_cost():
     same = np.full((2, 4), 0.01)
-    found = expected_errors(same, same, np.ones((2, 4)), np.array([1.0, 0.0]))
+    found = expected_errors(same, (same, same), np.ones((2, 4)), np.array([1.0, 0.0]))
     assert found[0] < found[1]
+
+
+def test_bands_with_other_sparkle_share_the_water_alone():
+    rng = np.random.default_rng(3)
+    water, sparkle = rng.standard_normal((1, 128, 128)), rng.exponential(2.0, (2, 128, 128))
+    image, unit = (water + sparkle).astype(np.float32), np.ones(2, np.float32)
+    power, shared = (powers([image], [INSIDE], unit, partners=p)[None] for p in (None, {0: 1, 1: 0}))
+    own = powers([water.astype(np.float32)], [INSIDE], np.ones(1, np.float32))
+    np.testing.assert_allclose(shared[0, :-1], own[:-1], rtol=0.2)
+    kept = np.ones((1, len(SCALES)))
+    assert expected_errors(power, (shared, shared), kept, np.ones(1)) == pytest.approx(2, rel=0.05)
+    assert expected_errors(power, (power, power), kept, np.ones(1)) == pytest.approx(0, abs=1e-6)
+
+
+def test_the_partner_of_a_band_is_the_nearest_in_wavelength_at_another_time():
+    waves, times = (450, 480, 560, 660, 850), (0.0, 0.3, 0.31, 0.01, 0.3)
+    bands = tuple(Band(f"b{w}", wavelength=w, time_offset=t) for w, t in zip(waves, times, strict=True))
+    unit = np.array([1, 1, 1, 1, np.inf], np.float32)
+    assert partners(Setting(bands, (4,)), unit) == {0: 1, 1: 0, 2: 3, 3: 2}
+    assert partners(Setting((*bands[:2], replace(bands[2], time_offset=0.05)), ()), unit[:3]) == {0: 1, 1: 0, 2: 1}
+    assert partners(Setting(tuple(replace(b, time_offset=None) for b in bands), (4,)), unit) == {}
 
 
 @pytest.mark.parametrize(("scene", "left"), [(0.0, 0.3), (0.2, 0.0), (0.2, 0.3)])
@@ -121,7 +153,7 @@ def test_expected_errors_distinguish_the_scene_from_what_is_left_of_glint(scene,
     image = (scene * rng.standard_normal(glint.shape) + left * glint * rng.standard_normal(glint.shape))[None]
     clear = least_glint([glint[None].astype(np.float32)], [INSIDE])
     found = [powers([image.astype(np.float32)], [INSIDE], np.ones(1, np.float32), c) for c in ((), clear)]
-    error = expected_errors(found[0][None], found[1][None], np.ones((1, len(SCALES))), np.ones(1))
+    error = expected_errors(found[0][None], (found[0][None], found[1][None]), np.ones((1, len(SCALES))), np.ones(1))
     assert error == pytest.approx(left * np.sqrt((glint**2).mean()), rel=0.25, abs=0.04)
 
 
@@ -139,8 +171,8 @@ def test_what_the_nir_does_not_show_is_signal_of_the_scene():
     own = powers([np.multiply.outer([10, 5, 0, 0], bottom).astype(np.float32)], [INSIDE], unit)
     assert (least(sea) < 1e-5).all()
     assert least(shallow) == pytest.approx(own, rel=0.3)
-    penalised = expected_errors(own[None], own[None], np.full((1, 4), 0.5), np.ones(1), least(shallow))
-    assert penalised > expected_errors(own[None], own[None], np.ones((1, 4)), np.ones(1), least(shallow))
+    penalised = expected_errors(own[None], (own[None], own[None]), np.full((1, 4), 0.5), np.ones(1), least(shallow))
+    assert penalised > expected_errors(own[None], (own[None], own[None]), np.ones((1, 4)), np.ones(1), least(shallow))
 
 
 def test_white_noise_is_no_signal_of_the_scene_at_any_scale():
@@ -248,7 +280,7 @@ def test_an_opening_must_be_clearly_better_where_bands_are_of_one_instant(delaye
     assert _best(trials, delayed=delayed).candidate.name == "opening"
 
 
-@pytest.mark.parametrize(("best", "words"), [(0.205, "the simplest within 5% of the least"), (0.24, "openings hardly")])
+@pytest.mark.parametrize(("best", "words"), [(0.215, "simplest within 10% of the least"), (0.24, "openings hardly")])
 def test_the_reason_for_the_choice_is_true_where_another_candidate_has_less_error(best, words):
     names = {"copy": 1.0, "wiener": best, "opening": 0.2}
     trials = tuple(Trial(Candidate(n, n), (), {}, e) for n, e in names.items())

@@ -255,7 +255,7 @@ def test_pits_that_end_at_zero_count_however_small_they_are():
 def background_above_water(glint, texture):
     """Median of the background over the water, (band,), in an image of noise, glint, and texture that the NIR lacks."""
     water = np.array([50.0, 40.0, 30.0, 10.0])[:, None, None]
-    bands = tuple(Band(f"b{w}", wavelength=float(w)) for w in (450, 560, 660, 850))
+    bands = tuple(Band(f"b{w}", wavelength=float(w), time_offset=1e-4 * (w - 450)) for w in (450, 560, 660, 850))
     water = water + texture * np.array([1, 1, 1, 0])[:, None, None]
     state = State.of((water + glint + RNG.normal(0, 1, (4, 300, 320))).astype(np.float32))
     stage = fit_background(Sample((state,), (state.water,)), Setting(bands, (3,)), 5)

@@ -10,25 +10,29 @@ without glint and noise, is then
 
 .. math:: E_{cs} = (1 - g_{cs})^2 S_s + N_{cs} = P_{cs} + (1 - 2 g_{cs}) S_s .
 
-S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. The minimum over the recipes is computed
-twice: over all pixels, and over the pixels with the least glint. The first minimum is too large if all recipes leave
-glint. The second is too small if shallow bottoms, which look like glint in the NIR, are left out. S is the geometric
-mean of both minima, or the first if that is smaller. S is at least the texture that glint cannot explain, because the
-NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also a small g, so its E
-is not small. The few tiles may lack some signals. Therefore two losses are added to E: the loss of a weak signal at
-each scale but the coarsest, and that of objects and plumes of typical contrasts, each on a hundredth of the scene.
+S is not known, but it cannot exceed :math:`P_{cs} / g_{cs}^2` of any recipe. Where bands have different sparkle, P is
+replaced in this limit by the power that two bands share, the mean product of their textures (`partners`). The minimum
+over the recipes is computed twice: over all pixels, and over the pixels with the least glint. The first minimum is too
+large if all recipes leave glint. The second is too small if shallow bottoms, which look like glint in the NIR, are left
+out. S is the geometric mean of both minima, or the first if that is smaller. S is at least the texture that glint
+cannot explain, because the NIR shows less texture (`least_signal`). A recipe that erases signals has a small P but also
+a small g, so its E is not small. The few tiles may lack some signals. Therefore two losses are added to E: the loss of
+a weak signal at each scale but the coarsest, and that of objects and plumes of typical contrasts, each on a hundredth
+of the scene.
 
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
 that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the level after a removal
-exceeds the lowest level after an opening, the excess is counted as an offset that glint left (`level_excess`): an
-opening finds the water between the glint, while a removal takes its level from the pixels with the least glint.
+exceeds the lowest level after an opening, a part of the excess is counted as an offset that glint left
+(`level_excess`): an opening finds the water between the glint, while a removal takes its level from the pixels with the
+least glint.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..compensate.state import LASTS, Setting
 from ..moments import Float64
 from .implants import BRIGHT, PLUME, SCALES, Float32, Mask
 
@@ -47,7 +51,13 @@ LEAST_GLINT_PERCENT = 10.0
 thousand pixels in eight tiles) that the power of their texture is known to a few percent."""
 
 
-def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, clear: Sequence[Mask] = ()) -> Float64:
+def powers(
+    images: Sequence[Float32],
+    inside: Sequence[Mask],
+    unit: Float32,
+    clear: Sequence[Mask] = (),
+    partners: Mapping[int, int] | None = None,
+) -> Float64:
     """Power of images, (scale,): mean square of texture divided by `unit`, over all pixels and bands, at each scale.
 
     Texture is the local mean over `SCALES[i]` pixels minus that over `SCALES[i + 1]`, or over the tile for the last i.
@@ -55,24 +65,47 @@ def powers(images: Sequence[Float32], inside: Sequence[Mask], unit: Float32, cle
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
+    partners : bands to use, and the band whose texture multiplies that of each (see `partners`); default: themselves
     """
-    import cv2
-
+    pairs = {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))} if partners is None else partners
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
     for n, (image, mask) in enumerate(zip(images, inside, strict=True)):
         shares = _shares(mask)
-        for b in np.flatnonzero(np.isfinite(unit)):
-            finer = values = np.where(mask, image[b] / unit[b], np.float32(0))
-            for i, (side, share) in enumerate(zip(SCALES[1:], shares, strict=True)):
-                coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
-                counted = clear[n][b, i] if clear else mask
-                total[i] += float(np.square((finer - coarser)[counted], dtype=np.float64).sum())
+        textures = {b: _textures(image[b] / unit[b], mask, shares) for b in {*pairs, *pairs.values()}}
+        for b, partner in pairs.items():
+            for i, (own, other) in enumerate(zip(textures[b], textures[partner], strict=True)):
+                counted = clear[n][b, i] if clear and i < len(shares) else mask
+                total[i] += float(np.multiply(own[counted], other[counted], dtype=np.float64).sum())
                 pixels[i] += int(counted.sum())
-                finer = coarser
-            rest = finer[mask]
-            total[-1] += float(np.square(rest - rest.mean(), dtype=np.float64).sum()) if rest.size else 0.0
-            pixels[-1] += rest.size
     return np.asarray(total / np.maximum(pixels, 1))
+
+
+def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Float32]:
+    """Texture of a plane (row, column) at each of `SCALES`; `shares` are as returned by `_shares`."""
+    import cv2
+
+    out, finer = [], (values := np.where(mask, plane, np.float32(0)))
+    for side, share in zip(SCALES[1:], shares, strict=True):
+        coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
+        out.append(finer - coarser)
+        finer = coarser
+    return [*out, finer - (finer[mask].mean() if mask.any() else np.float32(0))]
+
+
+def partners(setting: Setting, unit: Float32) -> dict[int, int]:
+    """For each evaluated band the band nearest in wavelength of those with other sparkle, taken 0.1 s (`LASTS`) apart.
+
+    Both show the same water, but sparkle and noise of their own. Bands without such a partner are left out. The result
+    is empty if the times of the bands are not known. `unit` is as in `powers`.
+    """
+    judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
+    found: dict[int, int] = {}
+    if times is None:
+        return found
+    for b in judged:
+        if len(other := judged[np.abs(times[judged] - times[b]) >= LASTS]):
+            found[int(b)] = int(other[np.argmin(np.nan_to_num(np.abs(waves[other] - waves[b])))])
+    return found
 
 
 def least_signal(
@@ -140,20 +173,29 @@ def level_excess(
     """
     judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
     levels = np.array(
-        [[average(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
-         for images in results]
-    )  # fmt: skip
+        [
+            [average(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
+            for images in results
+        ]
+    )
     least = np.maximum(levels[np.array(opened)], 0).min(axis=0)
     excess = np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1))
     return np.asarray(np.maximum(excess - SIGNAL, 0))
 
 
 def expected_errors(
-    power: Float64, clear: Float64, gain: Float64, objects: Float64, least: Float64 | float = 0.0, edges: float = 0.0
+    power: Float64,
+    limits: tuple[Float64, Float64],
+    gain: Float64,
+    objects: Float64,
+    least: Float64 | float = 0.0,
+    edges: float = 0.0,
 ) -> Float64:
     """Expected root mean square error of the result of each recipe, (recipe,) [water level]; without `level_excess`.
 
-    power, clear : (recipe, scale): `powers` of the result over all pixels, and over the pixels with the least glint
+    power : (recipe, scale): `powers` of the result
+    limits : two upper limits of the power of the scene's own signal in the result, (recipe, scale) each: `power` and
+        `powers` over the pixels with the least glint; or twice `powers` with `partners`
     gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves
     objects : (recipe,): the same of implanted discs
     least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`
@@ -162,7 +204,7 @@ def expected_errors(
     own = gain.copy()
     own[:, :-1] += edges * np.maximum(np.minimum(objects, 1)[:, None] - gain[:, :-1], 0)
     kept = np.clip(own, [ZERO_GAIN] * (gain.shape[1] - 1) + [HALF], 1) ** 2
-    bound, clear_bound = ((p / kept).min(axis=0) for p in (power, clear))
+    bound, clear_bound = (np.maximum(p / kept, 0).min(axis=0) for p in limits)
     signal = np.maximum(np.sqrt(bound * np.minimum(bound, clear_bound)), least)
     error = np.maximum(power + (1 - 2 * own) * signal, 0)[:, :-1].sum(axis=1)
     coarse = np.sqrt(power[:, -1] / max(float(power[:, -1].max()), np.finfo(np.float64).tiny))

@@ -19,15 +19,19 @@ from ..remove.levels import even_share
 from ..remove.noise import noise, spread
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import EDGES, expected_errors, least_glint, least_signal, level_excess, powers
+from .score import EDGES, expected_errors, least_glint, least_signal, level_excess, partners, powers
 
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
-EQUAL_ERRORS = 1.05
-"""Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen."""
+EQUAL_ERRORS = 1.1
+"""Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen. Expected
+errors are wrong by a factor of 1.5, so that a smaller difference of two candidates may be chance."""
 REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
 WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""
+LEVEL_FAULT = 1 / 3
+"""Share of the excess of the level (`level_excess`) that counts as an error of a removal: its level may be too bright,
+but that of the opening may be too dark, too."""
 LARGEST_DISC = 16.0  # width of the widest implanted disc [pixel]: every window that is tried preserves wider ones
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
@@ -196,23 +200,26 @@ def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
 
 
 def _judged(
-    pairs: dict[Candidate, tuple[_Run, _Run]], sample: Sample, added: Sequence[Implants], unit: Float32,
+    pairs: dict[Candidate, tuple[_Run, _Run]],
+    sample: Sample,
+    added: Sequence[Implants],
+    unit: Float32,
     setting: Setting,
-) -> list[Trial]:  # fmt: skip
+) -> list[Trial]:
     """Trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be computed.
     `added` and `unit` are as in `gains`.
     """
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
-    clear = _clear(runs, inside)
     trials = []
     for c, (plain, marked) in pairs.items():
         responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
         power = tuple(powers(plain.images, inside, unit).tolist())
         trials.append(Trial(c, power, gains(responses, added, inside, unit)))
+    left = np.array([t.power for t in trials])
     errors = expected_errors(
-        np.array([t.power for t in trials]),
-        np.array([powers(r.images, inside, unit, clear) for r in runs.values()]),
+        left,
+        _limits(runs, inside, unit, setting),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
@@ -222,8 +229,17 @@ def _judged(
     if any(opened) and any(m.any() for m in inside):
         excess = level_excess([r.images for r in runs.values()], inside, unit, opened, setting.delayed)
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
-        errors = np.where(removals, np.hypot(errors, excess), errors)
+        errors = np.where(removals, np.hypot(errors, LEVEL_FAULT * excess), errors)
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
+
+
+def _limits(
+    runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
+) -> tuple[Float64, Float64]:
+    """Argument `limits` of `expected_errors`."""
+    pairs, clear = partners(setting, unit) or None, _clear(runs, inside)
+    shared = [[powers(r.images, inside, unit, c, pairs) for r in runs.values()] for c in ((), clear)]
+    return np.array(shared[0]), np.array(shared[1])
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
@@ -245,9 +261,12 @@ class _Run:
 
 
 def _run(
-    candidate: Candidate, sample: Sample, setting: Setting, removal: FitRemoval,
+    candidate: Candidate,
+    sample: Sample,
+    setting: Setting,
+    removal: FitRemoval,
     check: Callable[[FittedChain], None] | None,
-) -> _Run:  # fmt: skip
+) -> _Run:
     """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
     if candidate.method == "copy":
         return _Run([s.image for s in sample.states], [])

@@ -116,18 +116,38 @@ def least_glint(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[
 
     The other band is the one in which water is darkest relative to glint (most often the NIR), of those with the same
     sparkle, or else the next in time. In the band itself, the darkest pixels are those with the lowest noise; in bands
-    that show the water, too, they are its darkest parts. If there is only one band, the mask has all pixels.
+    that show the water, too, they are its darkest parts. Not for bands of one instant or with ringing: the errors that
+    resampling and compression leave beside glint would be the same in the other band.
 
     excess : bands minus their openings, (band, pixel)
     water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
     times : time of each band, (band,) [s]
     """
     least = np.ones(excess.shape, np.bool_)
-    for b in range(len(excess) if len(excess) > 1 else 0):
+    for b in range(len(excess)):
         apart = np.where(np.arange(len(times)) == b, np.inf, np.abs(times - times[b]))
         seen = excess[np.argmin(np.where(apart <= max(apart.min(), LASTS), water, np.inf))]
         least[b] = seen <= np.percentile(seen, LEAST_GLINT_PERCENT)
     return least
+
+
+def median_and_spread(excess: Float32) -> tuple[float, float]:
+    """Median of `excess` (pixel,), band minus opening; and standard deviation of lower values about it."""
+    middle = float(np.median(excess))
+    return middle, spread(excess[excess < middle] - middle)
+
+
+def mode_and_spread(excess: Float32) -> tuple[float, float]:
+    """Mode of `excess` (pixel,), band minus opening, without zeros; and standard deviation of lower values about it."""
+    away = np.abs(excess)
+    apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
+    d = excess[apart]
+    low, high = np.percentile(d, [0.5, 70])
+    counts, edges = np.histogram(d, 256, (low, max(high, low + 1e-12)))
+    i = int(np.convolve(counts, np.ones(21) / 21, "same").argmax())
+    middle = 0.5 * (edges[i] + edges[i + 1])
+    below = d[d < middle] - middle
+    return float(middle), float(spread(below) if below.size > 10 else d.std())
 
 
 def around(band: Float32, cap: float) -> Float32:
@@ -145,7 +165,7 @@ class Background:
     size: int  # width of the window [pixel]
     order: tuple[int, ...]  # 0-based bands in order of time
     colour: tuple[float, ...]  # unit of glint: its spectrum, scaled so that colour / noise has a median of 1
-    offsets: tuple[float, ...]  # of each band's openings: median of the difference, of the pixels with the least glint
+    offsets: tuple[float, ...]  # difference between each band without glint and its opening
     sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
     limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
@@ -226,10 +246,12 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
     times = np.zeros(len(bands)) if setting.offsets is None else setting.offsets
+    independent = setting.delayed and not caps  # artefacts are the same in all bands of one instant
+    least = least_glint(excess, np.median(openings, axis=1) / colour, times) if independent else None
     found = []
-    for b, least in enumerate(least_glint(excess, np.median(openings, axis=1) / colour, times)):
-        values, middle = excess[b], float(np.median(excess[b, least]))
-        about = max(spread(values[least & (values < middle)] - middle), float(sigma[b]))
+    for b, values in enumerate(excess):
+        middle, about = mode_and_spread(values) if least is None else median_and_spread(values[least[b]])
+        about = max(about, float(sigma[b]))
         found.append((middle, about, float((values > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
     stage = replace(stage, offsets=offsets, sigmas=sigmas, cover=float(np.median(cover)))
