@@ -54,10 +54,10 @@ plan_options = with_options(
     setting("--lon", "place.longitude", "DEG", "Longitude, east positive."),
     click.option("--place", type=FILE, help="Raster or GeoJSON whose middle is the place."),
     setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str),
-    click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun's angles, not place and time."),
+    click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun, in place of place and time."),
     heading("Wind and air"),
     click.option(
-        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m, and where it blows from; 5@0 by default."
+        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m @ azimuth it blows from; 5@0 by default."
     ),
     setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
     setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
@@ -80,10 +80,10 @@ plan_options = with_options(
     setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE),
     heading("What is excluded"),
     setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea mirroring the sun."),
+    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea that mirrors it."),
     setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun; its disk by default."),
     setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky; 2 by default."),
-    setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share with too much sky; 0.1 by default."),
+    setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea; 0.1 by default."),
     heading("When to fly"),
     click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
     click.option("--to", "end", metavar="ISO", help="the last,"),

@@ -76,7 +76,7 @@ simulate_options = with_options(
     heading("Sensor"),
     click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor."),
     click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Image size [pixel]."),
-    click.option("--delay", type=float, multiple=True, metavar="S", help="Band delay; the sensor's by default."),
+    click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
     click.option("--view-zenith", default=0.0, metavar="DEG", help="Angle of the sensor off nadir."),
     click.option("--view-azimuth", default=0.0, metavar="DEG", help="Azimuth of the sensor, seen from the sea."),
     click.option("--supersample", default=4, metavar="N", help="Facets per pixel, each way."),
