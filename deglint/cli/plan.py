@@ -80,7 +80,7 @@ plan_options = with_options(
     setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE),
     heading("What is excluded"),
     setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea that mirrors it."),
+    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea mirroring the sun."),
     setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun; its disk by default."),
     setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky; 2 by default."),
     setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea; 0.1 by default."),
