@@ -56,7 +56,7 @@ def powers(
     inside: Sequence[Mask],
     unit: Float32,
     clear: Sequence[Mask] = (),
-    partners: Mapping[int, int] | None = None,
+    pairs: Mapping[int, int] | None = None,
 ) -> Float64:
     """Power of images, (scale,): mean square of texture divided by `unit`, over all pixels and bands, at each scale.
 
@@ -65,9 +65,10 @@ def powers(
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
-    partners : bands to use, and the band whose texture multiplies that of each (see `partners`); default: themselves
+    pairs : bands to use, and the band whose texture multiplies that of each (see `partners`); default: all evaluated
+        bands, each with itself
     """
-    pairs = {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))} if partners is None else partners
+    pairs = pairs or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
     for n, (image, mask) in enumerate(zip(images, inside, strict=True)):
         shares = _shares(mask)
@@ -194,8 +195,8 @@ def expected_errors(
     """Expected root mean square error of the result of each recipe, (recipe,) [water level]; without `level_excess`.
 
     power : (recipe, scale): `powers` of the result
-    limits : two upper limits of the power of the scene's own signal in the result, (recipe, scale) each: `power` and
-        `powers` over the pixels with the least glint; or twice `powers` with `partners`
+    limits : (recipe, scale) each, upper limits of the power of the scene's own signal in the result: `powers` with
+        `partners`, over all pixels and over the pixels with the least glint
     gain : (recipe, scale): share of implanted textures (at the coarsest scale, of plumes) that the recipe preserves
     objects : (recipe,): the same of implanted discs
     least : (scale,), lower limit of the power of the scene's own signal, from `least_signal`

@@ -219,7 +219,7 @@ def _judged(
     left = np.array([t.power for t in trials])
     errors = expected_errors(
         left,
-        _limits(runs, inside, unit, setting),
+        _limits(left, runs, inside, unit, setting),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         _own_signal(sample, inside, unit, setting),
@@ -234,12 +234,12 @@ def _judged(
 
 
 def _limits(
-    runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
+    power: Float64, runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
 ) -> tuple[Float64, Float64]:
-    """Argument `limits` of `expected_errors`."""
-    pairs, clear = partners(setting, unit) or None, _clear(runs, inside)
-    shared = [[powers(r.images, inside, unit, c, pairs) for r in runs.values()] for c in ((), clear)]
-    return np.array(shared[0]), np.array(shared[1])
+    """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
+    pairs, clear = partners(setting, unit), _clear(runs, inside)
+    shared = np.array([powers(r.images, inside, unit, pairs=pairs) for r in runs.values()]) if pairs else power
+    return shared, np.array([powers(r.images, inside, unit, clear, pairs) for r in runs.values()])
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:

@@ -41,7 +41,7 @@ COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
 """Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
-LEAST_GLINT_PERCENT = 10.0
+CLEAR_PERCENT = 10.0
 """Share of the pixels that count as those with the least glint [%]: few, so that glint is weak even where it is dense;
 enough (thousands of a sample) that the median of their noise is known to a few percent of its standard deviation."""
 PIT_K, MOST_PITS = 5.0, 3e-4
@@ -111,7 +111,7 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
     return out
 
 
-def least_glint(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
+def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
     """Mask, (band, pixel), of the pixels with the least glint according to another band.
 
     The other band is the one in which water is darkest relative to glint (most often the NIR), of those with the same
@@ -123,12 +123,12 @@ def least_glint(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[
     water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
     times : time of each band, (band,) [s]
     """
-    least = np.ones(excess.shape, np.bool_)
+    clear = np.ones(excess.shape, np.bool_)
     for b in range(len(excess)):
         apart = np.where(np.arange(len(times)) == b, np.inf, np.abs(times - times[b]))
         seen = excess[np.argmin(np.where(apart <= max(apart.min(), LASTS), water, np.inf))]
-        least[b] = seen <= np.percentile(seen, LEAST_GLINT_PERCENT)
-    return least
+        clear[b] = seen <= np.percentile(seen, CLEAR_PERCENT)
+    return clear
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
@@ -245,12 +245,11 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     levels = [stage.level(s) for s in states]
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
-    times = np.zeros(len(bands)) if setting.offsets is None else setting.offsets
-    independent = setting.delayed and not caps  # artefacts are the same in all bands of one instant
-    least = least_glint(excess, np.median(openings, axis=1) / colour, times) if independent else None
+    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all bands of one instant
+    clear = None if times is None else clear_pixels(excess, np.median(openings, axis=1) / colour, times)
     found = []
     for b, values in enumerate(excess):
-        middle, about = mode_and_spread(values) if least is None else median_and_spread(values[least[b]])
+        middle, about = mode_and_spread(values) if clear is None else median_and_spread(values[clear[b]])
         about = max(about, float(sigma[b]))
         found.append((middle, about, float((values > middle + COVER_K * about).mean())))
     offsets, sigmas, cover = zip(*found, strict=True)
