@@ -51,7 +51,10 @@ class Method:
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """A detector of one background: the score of a pixel x is |whiten d|^2 + linear . d, with d = x - mean - rest."""
+    """A detector that is fitted to a background.
+
+    The score of a pixel x, (bands,), is |whiten d|^2 + linear . d, with d = x - mean - rest.
+    """
 
     mean: Float64  # (bands,)
     rest: Float64  # (bands,): rounding error of the mean
