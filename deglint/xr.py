@@ -97,9 +97,11 @@ def apply(
 
     Parameters
     ----------
-    array, fitted : DataArray, and Fitted or GlintModel
-        `fitted` is the result of `fit`; or a model alone, from this scene or another. With a model alone and `mask`
-        "auto", pixels of a lazy array are computed now, to find water.
+    array : DataArray
+        The scene to correct, as in `fit`.
+    fitted : Fitted or GlintModel
+        The result of `fit`; or a model alone, from this scene or another. With a model alone and `mask` "auto", pixels
+        of a lazy array are computed now, to find water.
     mask : str, optional
         The pixels to correct, as in `Recipe`; by default those of the fit, or "auto" with a model alone.
     chain : Chain, optional

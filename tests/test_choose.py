@@ -127,7 +127,7 @@ def test_bands_with_other_sparkle_share_the_water_alone():
     rng = np.random.default_rng(3)
     water, sparkle = rng.standard_normal((1, 128, 128)), rng.exponential(2.0, (2, 128, 128))
     image, unit = (water + sparkle).astype(np.float32), np.ones(2, np.float32)
-    power, shared = (powers([image], [INSIDE], unit, pairs=p)[None] for p in (None, {0: 1, 1: 0}))
+    power, shared = (powers([image], [INSIDE], unit, partner_of=p)[None] for p in (None, {0: 1, 1: 0}))
     own = powers([water.astype(np.float32)], [INSIDE], np.ones(1, np.float32))
     np.testing.assert_allclose(shared[0, :-1], own[:-1], rtol=0.2)
     kept = np.ones((1, len(SCALES)))

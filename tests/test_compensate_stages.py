@@ -209,7 +209,8 @@ def test_a_constant_image_stays(text):
 def test_water_without_glint_stays_within_its_noise(text):
     block = sparkling_block(cover=0)
     away = run(text, block) - WATER[:, None, None]
-    most = 1.8 if "psf-image" in text or "level:5, replace-bands" in text else 1.2  # noise is sharpened, or exchanged
+    # noise is sharpened, or exchanged between bands: the means of the bands as background would give up to 1.69
+    most = 1.8 if "psf-image" in text or "level:5, replace-bands" in text else 1.2
     assert np.sqrt((away**2).mean(axis=(1, 2))).max() < most
 
 

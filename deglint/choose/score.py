@@ -56,7 +56,7 @@ def powers(
     inside: Sequence[Mask],
     unit: Float32,
     clear: Sequence[Mask] = (),
-    pairs: Mapping[int, int] | None = None,
+    partner_of: Mapping[int, int] | None = None,
 ) -> Float64:
     """Power of images, (scale,): mean square of texture divided by `unit`, over all pixels and bands, at each scale.
 
@@ -65,15 +65,15 @@ def powers(
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
-    pairs : bands to use, and the band whose texture multiplies that of each (see `partners`); default: all evaluated
-        bands, each with itself
+    partner_of : bands to use, and the band whose texture multiplies that of each (see `partners`); default: all bands
+        that are evaluated, each with itself
     """
-    pairs = pairs or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
+    partner_of = partner_of or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
     for n, (image, mask) in enumerate(zip(images, inside, strict=True)):
         shares = _shares(mask)
-        textures = {b: _textures(image[b] / unit[b], mask, shares) for b in {*pairs, *pairs.values()}}
-        for b, partner in pairs.items():
+        textures = {b: _textures(image[b] / unit[b], mask, shares) for b in {*partner_of, *partner_of.values()}}
+        for b, partner in partner_of.items():
             for i, (own, other) in enumerate(zip(textures[b], textures[partner], strict=True)):
                 counted = clear[n][b, i] if clear and i < len(shares) else mask
                 total[i] += float(np.multiply(own[counted], other[counted], dtype=np.float64).sum())

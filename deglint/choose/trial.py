@@ -237,9 +237,9 @@ def _limits(
     power: Float64, runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
 ) -> tuple[Float64, Float64]:
     """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
-    pairs, clear = partners(setting, unit), _clear(runs, inside)
-    shared = np.array([powers(r.images, inside, unit, pairs=pairs) for r in runs.values()]) if pairs else power
-    return shared, np.array([powers(r.images, inside, unit, clear, pairs) for r in runs.values()])
+    partner_of, clear = partners(setting, unit), _clear(runs, inside)
+    shared = np.array([powers(r.images, inside, unit, (), partner_of) for r in runs.values()]) if partner_of else power
+    return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
 
 
 def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:

@@ -109,7 +109,7 @@ def simulate(out: Path, **given: Any) -> None:
     deglint simulate --bottom 20:2 --coast 8 --foam auto --boat 20,30,6@60 reef
     deglint simulate --grid --size 256 --wind 5 --wind 9 experiments
     """
-    from ..raster.simulated import files_of, write_scene
+    from ..raster.simulated import planned_files, write_scene
     from ..raster.targets import check_targets, make_directory
     from ..simulate import simulate as make
     from ..tiles import default_threads
@@ -117,7 +117,7 @@ def simulate(out: Path, **given: Any) -> None:
 
     written = []
     setups, workers = _setups(out, given), default_threads(given["threads"])
-    planned = [files_of(name, setup, surface=given["surface"]) for name, setup in setups]
+    planned = [planned_files(name, setup, surface=given["surface"]) for name, setup in setups]
     if given["grid"] and not given["dry_run"]:
         make_directory(out)
     if out.exists() or not given["grid"]:

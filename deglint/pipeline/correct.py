@@ -282,9 +282,9 @@ def correction(
     changed, named = {f.band for f in fitted.model.fits}, {find_band(scene, b) for b in fitted.recipe.bands}
     if fitted.chain.replaces:
         changed = named or set(range(len(scene.bands)))
-    rule, want_amount = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
+    rule, wants = fitted.water if wanted == "auto" else None, bool(targets and (targets.flags or targets.amount))
     work = Correction(
-        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, sorted(changed), want_amount
+        scene, fitted.model, layout, fitted.chain, area, rule, fitted.water_bands, sorted(changed), want_amount=wants
     )
     if targets and targets.flags:
         work = _with_noise(work, threads)

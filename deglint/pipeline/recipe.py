@@ -79,8 +79,8 @@ class Recipe:
         check_kind(self.smallest_object, str, "smallest_object", "Give a width such as '4m' or '16px'.")
         method = METHODS.get(self.method)
         if self.floor_percentile and self.method not in ("hedley", "multiband"):
-            methods = "methods hedley and multiband: leave it out, or name one of them with --method"
-            raise InputError(f"a floor percentile is for {methods}.")
+            remedy = "leave it out, or name one of them with --method"
+            raise InputError(f"a floor percentile is for methods hedley and multiband: {remedy}.")
         if self.regression != "auto" and not (method and method.regresses):
             remedy = "leave out --regression, or name a method such as hedley"
             raise InputError(f"{self.method} fits no slopes by regression: {remedy}.")

@@ -56,7 +56,7 @@ def write_scene(
     return [*targets.values(), sidecar]
 
 
-def files_of(stem: str | Path, setup: Any, *, surface: bool = False) -> dict[Path, int]:
+def planned_files(stem: str | Path, setup: Any, *, surface: bool = False) -> dict[Path, int]:
     """All files that `write_scene` writes for a setup, image first, and the size of their pixels [byte] (JSON: 0)."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}

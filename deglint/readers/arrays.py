@@ -83,9 +83,8 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
     info = with_nodata(_info(array, values, band, rows, columns), nodata, notes)
     bands, preset, told = bands_of(info, [""] * info.count, sensor)
     source, notes = ArraySource(values, info), [*notes, *told]
-    scene = Scene(
-        tuple(bands), info.height, info.width, source, info.paths[0], info.crs, info.transform, preset, tuple(notes)
-    )
+    place: dict[str, Any] = {"path": info.paths[0], "crs": info.crs, "transform": info.transform}
+    scene = Scene(tuple(bands), info.height, info.width, source, sensor=preset, notes=tuple(notes), **place)
     return ArrayScene(scene, values, array, ordered)
 
 

@@ -141,8 +141,9 @@ def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, 
     if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
-    flat, whiteners = np.ones(len(scales)), (np.eye(bands),) * len(scales)
-    model = SeaModel(centre, spread, np.ones((len(scales), bands)), whiteners, 0 * flat, flat, 1.0, scales, side)
+    whiteners = (np.eye(bands),) * len(scales)
+    ones, zeros = np.ones((len(scales), bands)), np.zeros(len(scales))
+    model = SeaModel(centre, spread, ones, whiteners, zeros, ones[:, 0], 1.0, scales, side)
     parts = [_Block(block, classes, model) for block, classes in blocks]
     used = [part.dim for part in parts]
     model = _learn(parts, used, water, model)
