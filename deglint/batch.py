@@ -163,7 +163,7 @@ def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status of a scene before processing, and why; "failed" if outputs are altered, or of another recipe or input."""
+    """Status before processing ("to do", "finished before", or "failed": files differ from this batch's), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -235,7 +235,7 @@ def run_batch(
 def _run_jobs(
     todo: Mapping[int, Job], order: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
-    """Run jobs on `count` processes, `threads` threads each; call `ended` with key in `todo` and outcome of each."""
+    """Run jobs on `count` processes, `threads` threads each; call `ended` with each job's key in `todo` and outcome."""
     workers = [_Worker(order, threads) for _ in range(count)]
     idle = deque(workers)
 

@@ -97,17 +97,13 @@ class CellMoments(NamedTuple):
         Within a group, cells are merged in pairs. A group with one cell is copied. The result is in row-major order.
         """
         out = self.by_place()
-        for level in range(1, levels + 1):
-            out = out._pairs_merged(level)
+        for level in range(1, levels + 1):  # a group of 2**level columns has at most two cells left
+            groups = out.keys >> np.array([0, level])
+            first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
+            both = out.where(np.stack([first, first + 1], axis=1).ravel())
+            alone = np.delete(np.arange(len(out.n)), [*first, *(first + 1)])
+            out = CellMoments.concatenate([both._neighbours_merged(), out.where(alone)]).by_place()
         return out
-
-    def _pairs_merged(self, level: int) -> CellMoments:
-        """In each row, merge the two cells in each group of 2**level columns; copy single ones. `self` is row-major."""
-        groups = self.keys >> np.array([0, level])
-        first = np.flatnonzero((groups[1:] == groups[:-1]).all(axis=1))
-        both = self.where(np.stack([first, first + 1], axis=1).ravel())
-        alone = np.delete(np.arange(len(self.n)), [*first, *(first + 1)])
-        return CellMoments.concatenate([both._neighbours_merged(), self.where(alone)]).by_place()
 
     def _neighbours_merged(self) -> CellMoments:
         """Merge cells 0 and 1, 2 and 3, ... by the formula of Chan, Golub and LeVeque; an odd last cell is copied."""
@@ -153,7 +149,7 @@ def cell_moments(
     """
     block = np.asarray(block)
     if block.ndim != 3:
-        raise InputError(f"expected a (band, row, column) array, got shape {block.shape}.")
+        raise InputError(f"expected a (variable, row, column) array, got shape {block.shape}.")
     if mask is not None and mask.shape != block.shape[1:]:
         raise InputError(f"mask has shape {mask.shape}, but rows and columns of the block are {block.shape[1:]}.")
     edges = [_edges(first, length, cell) for first, length in zip(origin, block.shape[1:], strict=True)]

@@ -102,7 +102,7 @@ def load(name: str) -> Sensor:
     832.5
     """
     if (found := find(name)) is None:
-        raise InputError(f"no sensor preset {name!r}; choose one of {', '.join(names())}, or give a .toml file")
+        raise InputError(f"no sensor preset {name!r}; choose one of {', '.join(names())}, or give --sensor FILE.toml.")
     return found
 
 
@@ -127,14 +127,11 @@ def _table() -> dict[str, Sensor]:
 
 
 def sensor_from(name: str, entry: Mapping[str, Any]) -> Sensor:
-    """Make the sensor `name` from `entry`, a table of `sensors.toml` or a checked file; InputError for a wrong type."""
+    """Make the sensor `name` from `entry`, its table in `sensors.toml` or in a user's file that was checked."""
     values = {"width_status": entry["wavelength_status"], **entry, "name": name}
     time_status = {"time_status": entry.get("time_status", UNVERIFIED)}
     values["bands"] = [(time_status if "time_offset" in band else {}) | band for band in entry["bands"]]
     optics = dict(entry.get("optics", {}))
     if "aperture" in optics and "focal_length" in optics:
         values["optics"] = {"f_number": round(optics["focal_length"] / optics["aperture"], 2), **optics}
-    try:
-        return cast("Sensor", from_plain(Sensor, values))
-    except TypeError as error:
-        raise InputError(f"sensor {name}: {error}.") from None
+    return cast("Sensor", from_plain(Sensor, values))

@@ -213,7 +213,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on an array of one entry of `dimension`; on NoWaterError or FitError, log and return the array."""
+    """Call `work` on an array with one entry along `dimension`; on NoWaterError or FitError, log and return it."""
     try:
         return work(array)
     except (NoWaterError, FitError) as error:

@@ -67,7 +67,7 @@ def find_moving(
     if len(np.unique(times)) < 3:
         raise InputError("a motion needs three bands that look at different times: two places could be anything's.")
     if not pixel > 0:
-        raise InputError(f"pixel: allowed is above 0 m, got {pixel}.")
+        raise InputError(f"pixel: want a side above 0 m, got {pixel}.")
     mask = as_mask(water, bands)
     sea = np.ones(bands.shape[1:], np.bool_) if mask is None else mask
     places = [_peaks(_contrast(band, sea), sea) for band in bands]

@@ -80,7 +80,7 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
     """Scores, (row, column), of a block, (band, row, column); NaN where it is not finite, or outside the mask."""
     image = np.asarray(image)
     if len(image) != len(detector.mean):
-        raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same.")
+        raise InputError(f"the image has {len(image)} bands, the background {len(detector.mean)}. Use the same bands.")
     flat = np.ascontiguousarray(image).reshape(len(image), -1)
     out: Scores = np.empty(flat.shape[1], np.float64 if image.dtype == np.float64 else np.float32)
 

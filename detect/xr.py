@@ -83,7 +83,7 @@ def score(
     """
     recipe = _recipe(recipe)
     if recipe.method == "lines":
-        raise InputError("lines are scored in the order in which they come: iterate over detect.score_lines.")
+        raise InputError("method lines takes no array, but one line after the other: iterate over detect.score_lines.")
     opened = open_array(array, sensor=sensor, nodata=nodata)
     if background is None or recipe.mask == "water" or not hasattr(opened.values, "dask"):  # else nothing is computed
         opened = replace(opened, scene=settled(opened.scene))

@@ -169,6 +169,7 @@ def test_what_is_no_saved_stage_is_refused(data):
     with pytest.raises(InputError) as error:
         chain_from({"chain": data.get("stage"), "before": [data], "after": []})
     assert str(error.value).startswith("not a saved compensation")
+    assert "stage" in data or "no entry or stage 'stage'" in str(error.value)
     assert "\n" not in str(error.value)
 
 

@@ -258,5 +258,5 @@ def test_empty_and_tiny_input():
 def test_wrong_shapes_are_refused():
     with pytest.raises(InputError, match="mask has shape"):
         moments(np.zeros((2, 4, 4)), np.ones((4, 5), bool))
-    with pytest.raises(InputError, match="band, row, column"):
+    with pytest.raises(InputError, match="variable, row, column"):
         cell_moments(np.zeros(4))

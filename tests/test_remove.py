@@ -328,6 +328,8 @@ def test_a_saved_model_whose_numbers_name_nothing_is_refused(wrong):
     wrong(data)
     with pytest.raises(InputError, match="not a saved deglint model"):
         GlintModel.from_json(json.dumps(data))
+    with pytest.raises(InputError, match="it has no entry 'kind'"):
+        GlintModel.from_json("{}")
 
 
 def test_errors_say_what_to_do():

@@ -42,7 +42,7 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 def windows(width: float, clump: int) -> list[int]:
     """Sides of the windows of morphological openings to try, odd; these and the arguments are in [pixel].
 
-    The first is the largest that preserves objects of `width`, clipped to 5..13; a smaller follows if `clump` is small.
+    The first, clipped to 5..13, preserves objects of `width`; a smaller one that removes clumps of `clump` may follow.
 
     Examples
     --------

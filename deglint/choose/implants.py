@@ -132,7 +132,7 @@ def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
 
 
 def _plume(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Contrast (row, column): a Gaussian of height `PLUME` at a random position, a fifth of the tile wide (sigma)."""
+    """Contrast (row, column): Gaussian of height `PLUME` near the middle; sigma is 1/5 of the tile's shorter side."""
     rows, columns = np.ogrid[: shape[0], : shape[1]]
     row, column = rng.uniform(0.25, 0.75, 2) * shape
     squares = (rows - row) ** 2 + (columns - column) ** 2

@@ -73,7 +73,8 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     options = {COMPRESS = "ZSTD"}
     """
     from ..batch import FAILED, TODO, jobs_of, read_order, run_batch
-    from ..raster.targets import check_targets
+    from ..raster.output import write_text
+    from ..raster.targets import Scratch, check_targets
     from ..readers.scenes import list_scenes
 
     order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
@@ -88,7 +89,12 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         same = {name: given[name] for name in ("threads", "overwrite", "dry_run")}
         found = run_batch(order, listed, processes=given["jobs"], done=_watch(len(listed), console), **same)
     if table and not given["dry_run"]:
-        _write_table(table, found)
+        text = io.StringIO()
+        rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")
+        rows.writeheader()
+        rows.writerows(asdict(outcome) for outcome in found)
+        with Scratch(overwrite=True) as scratch:
+            write_text(scratch, table, text.getvalue())
     if given["as_json"]:
         click.echo(json.dumps([asdict(o) for o in found], indent=2))
     else:
@@ -131,18 +137,6 @@ def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> st
                 unread += 1
     left = f"; {unread} scenes cannot be opened" if unread else ""
     return f"would read and write {size(total)} of pixels before compression{left}"
-
-
-def _write_table(path: Path, found: list[Any]) -> None:
-    from ..raster.output import write_text
-    from ..raster.targets import Scratch
-
-    text = io.StringIO()
-    rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")
-    rows.writeheader()
-    rows.writerows(asdict(outcome) for outcome in found)
-    with Scratch(overwrite=True) as scratch:
-        write_text(scratch, path, text.getvalue())
 
 
 def _watch(total: int, console: Console) -> Callable[[Outcome], None]:

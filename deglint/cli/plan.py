@@ -76,7 +76,7 @@ plan_options = with_options(
     setting("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
     setting("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
     setting("--sensor", "sensor.preset", None, "Sensor; thesis by default.", SENSOR_CHOICE),
-    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands that count; all by default."),
+    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands to plan for; all by default."),
     setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE),
     heading("What is excluded"),
     setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),

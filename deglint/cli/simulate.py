@@ -123,7 +123,12 @@ def simulate(out: Path, **given: Any) -> None:
     if out.exists() or not given["grid"]:
         check_targets([path for files in planned for path in files], overwrite=given["overwrite"])
     if given["dry_run"]:
-        _announce(planned, as_json=given["as_json"])
+        if given["as_json"]:
+            click.echo(json.dumps([str(path) for files in planned for path in files]))
+            return
+        click.echo("\n".join(str(next(iter(files))) for files in planned))  # the images
+        total, many = size(sum(sum(files.values()) for files in planned)), "s" * (len(planned) > 1)
+        click.echo(f"{len(planned)} scene{many} with the truth, at most {total}. Nothing was written.")
         return
     bands = len(setups[0][1].sensor.bands)
     with Console(given) as console:
@@ -138,19 +143,6 @@ def simulate(out: Path, **given: Any) -> None:
             log.info("%d of %d: %s, wind %g m/s, seed %d", count + 1, len(setups), paths[0], setup.wind, setup.seed)
     if given["as_json"]:
         click.echo(json.dumps(written))
-
-
-def _announce(planned: list[dict[Path, int]], *, as_json: bool) -> None:
-    """Print the names of the images that would be written (JSON: of all files), and the size of all files.
-
-    `planned` has the files of each scene, and the size of their pixels before compression [byte].
-    """
-    if as_json:
-        click.echo(json.dumps([str(path) for files in planned for path in files]))
-        return
-    click.echo("\n".join(str(next(iter(files))) for files in planned))
-    total, many = size(sum(sum(files.values()) for files in planned)), "s" * (len(planned) > 1)
-    click.echo(f"{len(planned)} scene{many} with the truth, at most {total}. Nothing was written.")
 
 
 def _setups(out: Path, given: dict[str, Any]) -> list[tuple[Path, Any]]:

@@ -185,8 +185,8 @@ class Background:
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """Bands from which the background is determined, and their openings by a square, (band, row, column) each. The
-        bands are, with ringing, the image with its pits filled; else after a stage `psf` its result; else the image.
+        """The bands to open, and their openings by a square, (band, row, column) each. They are the image or, after a
+        stage `psf`, the deconvolved image; with `caps`, the image with each pixel at least the mean `around` it.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -258,7 +258,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Limit above which outline detail is used [`colour`], from the detail of sparkle in the 0-based bands `nir`."""
+    """Limit of outline detail [`stage.colour`]: `ABOVE` times its `RARE_SPARKLE` quantile (median of bands `nir`)."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 

@@ -68,7 +68,7 @@ class LeftOver:
     glint: tuple[float, ...]  # amounts of removed glint [unit of the band]
     variance: tuple[float, ...]  # variance of the glint that is left, at these amounts [unit of the band squared]
     water: float = 0.0  # median of the band after the removal [unit of the band]
-    ratio: float = 0.0  # ratio of standard deviations: pixels with strong glint to pixels with little glint
+    ratio: float = 0.0  # of standard deviations about a 5 x 5 median: pixels with strong glint to pixels with little
 
     def of(self, glint: Float32) -> Float32:
         """Variance of the glint that is left, (row, column) [unit of the band squared], given the removed `glint`."""

@@ -216,7 +216,8 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
             raise ValueError(f"its stages are {', '.join(names)}, and its text is {text!r}")
         return Chain(before, after, text)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"not a saved compensation ({error}); fit and save it again.") from error
+        why = f"there is no entry or stage {error}" if isinstance(error, KeyError) else error
+        raise InputError(f"not a saved compensation ({why}); fit and save it again.") from error
 
 
 def _tuples(value: Any) -> Any:

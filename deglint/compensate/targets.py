@@ -4,10 +4,10 @@ S is the log likelihood ratio of target and sparkle for the excess e over the ba
 
 .. math:: S = \\max_k \\ln w_k N(e; 0, A^2 F_k F_k^T + h h^T + V_k) - \\ln p(e_1) \\prod_{b=2}^B p(e_b \\mid e_{b-1})
 
-A target of brightness A has one of the spectra F_k (smooth, or with one or two edges, in the light of sun and sky) with
-probability w_k; V is the variance of noise, of texture of the water (such as a bottom), and of the non-smooth part of
-the spectrum, h the radiance of water that the target hides. Sparkle changes from band to band, with probabilities p
-from histograms of the scene. If flashes last through all bands, p includes flashes whose brightness changes slowly. A
+The columns of F_k are a spectrum with probability w_k (smooth, or with one or two edges) and its standard deviations; A
+is the power of 2 nearest to the largest excess. V_k is the variance of noise, of texture of the water (a bottom) and of
+the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
+band to band, with probabilities p from histograms of the scene; where flashes last, p includes slowly changing ones. A
 pixel belongs to a target if the sum of S over 3 x 3 pixels, plus the log likelihood ratio of a common outline in all
 bands, exceeds a threshold. The threshold follows from a false-alarm rate, and is higher where sparkle lasts.
 
@@ -160,7 +160,7 @@ class Excess:
 
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
-        """Make an `Excess` from a block `raw` and its background, both (band, row, column); None: its local mean."""
+        """Make the excess of a block `raw` and its background, both (band, row, column); None: local mean of `raw`."""
         import cv2
 
         planes = [raw[b] for b in stage.bands]

@@ -152,7 +152,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """The rule with smaller squares for boats, `CORE` to `widest` / 2 pixels; unchanged if there is too little sea."""
+    """The rule with sides and NIR limits of squares for boats (see `CORE`); unchanged if sea or `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
@@ -194,9 +194,9 @@ class _View:
     def votes(self, window: int, white: tuple[float, float], *, brown: bool) -> list[Votes]:
         """Vote of each pixel of each block, (row, column), by its colour: 1 for water, -1 against water, 0 unknown.
 
-        The vote is for water if NIR / visible is below that of white (`white`: its red / green, NIR / green). Such a
-        vote becomes 0 if the NIR is saturated or, unless `brown`, if red / green (in radiance also NIR / red) is above
-        that of white: soil, town, brown water. Compared are means over squares of side `window`: delays move sparkle.
+        The vote is for water if NIR / visible is below that of white (`white`: its red / green, NIR / green). This vote
+        becomes 0 if the NIR is saturated; unless `brown`, also if red / green or, in radiance, NIR / red is above that
+        of white (soil, town, brown water). Bands are summed over squares of side `window`: delays displace sparkle.
         """
         roles, (red, nir) = self.roles, white
         found = []
@@ -342,7 +342,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
     else:
         limit = min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail)
         threshold = _foot(nir, level, limit)
-    if not alone and threshold >= nir[-1]:  # all that is not water is saturated
+    if not alone and threshold >= nir[-1]:  # all would be water, as where all land is saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
     return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)
 

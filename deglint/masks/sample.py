@@ -99,12 +99,12 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    A pixel is in the sample if it is (1) far from everything that is not water and if the square of 15 x 15 pixels
-    around it is (2) dark: while the visible means of the squares form two clear classes, Otsu's threshold excludes the
-    brighter class; glint is then subtracted, the same is done again, and the brighter half is excluded; (3) even: the
-    variance of the visible bands that the NIR does not explain is not unusually large; (4) in the quarter of the
-    squares with the largest NIR variance (the strongest glint), or in half or all of them if these are too few. Strong
-    glint is preferred because noise in the NIR makes fitted slopes too small, by the factor
+    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all but water, and if the
+    square of 15 x 15 pixels around it is (2) dark: while the visible means of squares form two clear classes, Otsu's
+    threshold excludes the brighter class; glint is then subtracted, the same is done again, and the brighter half is
+    excluded; (3) even: the variance of the visible bands that the NIR does not explain is not unusually large; (4) in
+    the quarter of squares with the largest NIR variance (strongest glint), or in half or all if these are too few. Last
+    is an opening (`CLEANING`). Strong glint is preferred because noise in the NIR decreases fitted slopes by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -176,7 +176,7 @@ def _quantisation(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: Wate
     nir, nir_range = _middle_and_range(over_water(rule.roles.nir))
     visible, visible_range = _middle_and_range(np.concatenate(sums))
     if not nir_range > 0:
-        raise FitError(f"no deep-water sample: the NIR is {nir:.6g} all over the water. {REMEDY}")
+        raise FitError(f"no deep-water sample: the NIR is {nir:.6g} all over the water. Give another --nir or --mask.")
     steps = nir_range / 1024, (visible_range or 1.0) / 1024
     return SampleRule(rule, weights, (nir, visible), steps)
 
@@ -223,7 +223,7 @@ def _choose_distance(
             break
     if not count:
         pixels = sum(int(m.sum()) for m in masks)
-        raise FitError(f"no deep-water sample: {pixels} pixels of water, and no {SIZE} x {SIZE} square of it. {REMEDY}")
+        raise FitError(f"no deep-water sample: no {SIZE} x {SIZE} square is half water ({pixels} pixels are). {REMEDY}")
     return replace(sample, distance=distance), _gather(local, kept)
 
 

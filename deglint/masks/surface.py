@@ -146,5 +146,5 @@ def valid_for(block: FloatArray | Sequence[FloatArray], roles: Roles) -> Mask:
 
 
 def thinned(values: FloatArray) -> FloatArray:
-    """Every k-th value, with k so large that at most `ENOUGH_TO_RANK` values remain."""
+    """Every k-th of `values` (value,), with k so large that at most `ENOUGH_TO_RANK` values remain."""
     return values[:: 1 + values.size // ENOUGH_TO_RANK]

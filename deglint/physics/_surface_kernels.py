@@ -9,7 +9,7 @@ ELFOUHAILY, HALF_ANGLE, FULL_ANGLE = 0, 1, 2  # codes of the directional spreadi
 
 @njit(nogil=True, cache=True)
 def frequency(i: int, n: int, step: float) -> float:
-    """Signed wavenumber at index `i` of an FFT of length `n` with the wavenumber step `step`; positive at i = n / 2."""
+    """Signed wavenumber at index `i` of an FFT of length `n`; `step` and result [rad/m]; positive at i = n / 2."""
     return (i if i <= n // 2 else i - n) * step
 
 

@@ -208,7 +208,7 @@ def psf(sensor: Sensor, wavelength: float, *, size: int = 33, oversample: int = 
 
 
 def electrons(radiance: npt.ArrayLike, sensor: Sensor, band: SensorBand, *, exposure: float | None = None) -> Floats:
-    """Number of electrons in a pixel for a radiance, not limited by the well (Fink 2014, eq. 2.23).
+    """Electrons in a pixel for each `radiance`, same shape, not limited by full-well capacity (Fink 2014, eq. 2.23).
 
     ``N = pi A t QE tau L lambda dlambda / (4 f#**2 h c)``: detector area A, exposure time t, quantum efficiency QE,
     transmission tau, central wavelength lambda, bandwidth dlambda, f-number f#, Planck constant h, speed of light c.

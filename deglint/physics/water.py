@@ -1,9 +1,9 @@
 """Remote-sensing reflectance of deep water, and of a flat Lambertian object under water.
 
-Remote-sensing reflectance is water-leaving radiance divided by irradiance, both just above the surface [1/sr], without
-reflection at the surface. For deep water it follows the model of Lee et al. (2011), which has a table over sun and view
-angles. For an object it follows Lee et al. (1999), with path lengths along the rays of sun and sensor; the object is
-assumed wide compared to its depth.
+Remote-sensing reflectance is water-leaving radiance divided by downward irradiance, both just above the surface [1/sr],
+without reflection at the surface. For deep water it follows the model of Lee et al. (2011), which has a table over sun
+and view angles. For an object it follows Lee et al. (1999), with path lengths along the rays of sun and sensor; the
+object is assumed wide compared to its depth.
 
 `relative_azimuth` is the azimuth of the sensor minus the azimuth of the sun, both seen from the target: at 0 the sensor
 is on the side of the sun, at 180 on the opposite side, where the glint is.

@@ -137,7 +137,7 @@ class Correction:
         return done
 
     def values(self, tile: Tile) -> tuple[npt.NDArray[Any], Mask]:
-        """Read and correct a tile; return its physical values (band, row, column), and `Block.where` (row, column)."""
+        """Read and correct a tile: physical values (band, row, column), and mask (row, column) of pixels to correct."""
         block = self._read(tile)
         return self._correct_block(block), block.where
 
@@ -294,7 +294,7 @@ def correction(
 
 
 def _tile_shape(work: Correction) -> tuple[int, int]:
-    """Rows and columns of the tiles in which a scene is corrected; if `by_cells`, tiles consist of whole cells."""
+    """Rows and columns of the tiles in which a scene is corrected; if `by_cells`, whole cells (see `CHAIN_CELL`)."""
     scene, bands = work.scene, len(work.scene.bands)
     shape = tile_shape_of(scene)
     if work.by_cells:

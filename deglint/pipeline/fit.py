@@ -133,7 +133,7 @@ def _fit_overviews(
     method = METHODS.get(recipe.method)  # None: auto, which takes one that learns from a sample
     sampled = method is None or method.plan is not None or method.neighbours or recipe.chain != "off"
     if sampled and recipe.sample == "auto" and recipe.mask != "auto":
-        # a mask file is also the sample; without a mask, all pixels are if no water is found
+        # without --sample, it is the mask file; for the mask "none" the water, or all pixels if none is found
         sample = recipe.mask
         if sample == "none":
             water = overview_of(scene, nir, threads).water

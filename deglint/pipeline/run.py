@@ -74,7 +74,7 @@ def remove_glint(
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
         sensor, nodata, grid, bands, wavelengths, scale, offset: see `open_scene`; flags, amount, stderr, sample,
-        model_file (its `model`), picture, overwrite, dtype, options, request, reads: see `Outputs`; chain: see `model`.
+        picture, overwrite, dtype, options, request, reads, model_file (`Outputs.model`): see `Outputs`; chain: `model`.
 
     Returns
     -------

@@ -165,7 +165,7 @@ def swatch(canvas: Canvas, left: float, top: float, pattern: str, colour: Colour
 
 
 def _warped(values: Values, radius: int) -> npt.NDArray[np.float32]:
-    """Interpolate values (zenith, azimuth) linearly to the pixels of a disc with `_OVERSAMPLING` times `radius`."""
+    """Square image (row, column) of a disc, radius `_OVERSAMPLING` * `radius`, from `values` (zenith, azimuth)."""
     places = _places(radius, *values.shape)
     return np.asarray(cv2.remap(np.asarray(values, np.float32), *places, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE))
 

@@ -111,7 +111,9 @@ class Reticle:
         self.sky_radiance = np.asarray(light.diffuse[:, None, None] * self.sky_strength)
         rest = self.glint_radiance + self.sky_radiance
         self.weber = light.target / light.background - 1.0
-        self.snr = np.abs(light.target - light.background) / _noise(mission, light.background + rest)
+        pairs = zip(light.background + rest, mission.channels, strict=True)
+        noise = np.stack([noise_equivalent_radiance(layer, mission.sensor, band) for layer, band in pairs])
+        self.snr = np.abs(light.target - light.background) / (noise if limits.ner is None else limits.ner)
         brightest = np.array([b.full_scale for b in mission.channels])[:, None, None]
         below = np.maximum(light.background, light.target) + rest < brightest
         self.detectable: Mask = (self.snr > limits.snr) & below
@@ -188,14 +190,6 @@ def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
     """Zenith angles (zenith,) and azimuths (azimuth,) of the grid of viewing geometries of a mission [degree]."""
     down, around = round(mission.widest / mission.step), round(360.0 / mission.step)
     return np.linspace(0.0, mission.widest, down + 1), np.linspace(0.0, 360.0, around + 1)
-
-
-def _noise(mission: Mission, radiance: Floats) -> Floats:
-    """Noise-equivalent radiance of the sensor at a radiance (band, zenith, azimuth), both [W m-2 sr-1 nm-1]."""
-    if mission.limits.ner is not None:
-        return np.full((len(radiance), 1, 1), mission.limits.ner)
-    pairs = zip(radiance, mission.channels, strict=True)
-    return np.stack([noise_equivalent_radiance(layer, mission.sensor, band) for layer, band in pairs])
 
 
 @dataclass(frozen=True)

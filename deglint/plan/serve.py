@@ -126,7 +126,7 @@ def answer(base: Mission, asked: Mapping[str, str]) -> dict[str, Any]:
     numbers: dict[str, Any] = {name: float(asked[name]) for name in SLIDERS if name in asked}
     limits = replace(base.limits, glint=float(asked.get("glint", base.limits.glint)))
     mission = replace(base, limits=limits, time=asked.get("time", base.time), **numbers)
-    if "visibility" in asked:  # where `base` has no air, other defaults follow place and time
+    if "visibility" in asked:  # `weather` is the air of `base`, or else the default for the new place and time
         mission = replace(mission, air=replace(mission.weather, visibility=float(asked["visibility"])))
     sensor = asked.get("sensor", base.sensor.name)
     if sensor != base.sensor.name:

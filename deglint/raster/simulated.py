@@ -167,7 +167,9 @@ def write_plan(plan: Any, targets: Sequence[Path], picture: Callable[[], bytes],
     makers: Mapping[str, Callable[[], Content]] = {
         ".png": picture,
         ".json": lambda: (json.dumps(plain(_SIGNED | dataset.document(plan)), allow_nan=False) + "\n").encode(),
-        ".nc": lambda: partial(_netcdf, dataset.dataset(plan)),
+        ".nc": lambda: partial(
+            dataset.dataset(plan).assign_attrs(_SIGNED).to_netcdf, engine="scipy", format="NETCDF3_64BIT"
+        ),
         ".tif": lambda: partial(_geotiff, plan),
     }
     write_files({target: makers[_kind(target)]() for target in targets}, overwrite=overwrite)
@@ -189,11 +191,6 @@ def write_files(targets: Mapping[Path, Content], *, overwrite: bool = False) -> 
 def _kind(target: Path) -> str:
     ending = target.suffix.lower()
     return ".tif" if ending == ".tiff" else ending
-
-
-def _netcdf(data: Any, path: Path) -> None:
-    data.attrs |= _SIGNED
-    data.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
 
 
 def _geotiff(plan: Any, path: Path) -> None:

@@ -222,21 +222,15 @@ def _read_file(file: FileBands, dataset: Any, bands: list[int], window: Window, 
     else:  # rasterio cannot read bands of several types at once
         for numbers, i in zip(raw, indexes, strict=True):
             dataset.read(i, window=window, out=numbers)
-    valid = _validity(file, dataset, raw, bands, window)
-    if file.flat is not None:
-        for numbers, b in zip(raw, bands, strict=True):
-            file.flat.apply(numbers, window, file.nodatas[b])
-    return raw, valid
-
-
-def _validity(file: FileBands, dataset: Any, raw: Raw, bands: list[int], window: Window) -> Valid | None:
-    valid = is_valid(raw, [file.nodatas[b] for b in bands])
-    masks = []
+    valid, masks = is_valid(raw, [file.nodatas[b] for b in bands]), []
     if file.masked:
-        masks.append(dataset.read_masks([file.indexes[b] for b in bands], window=window) != 0)
+        masks.append(dataset.read_masks(indexes, window=window) != 0)
     if file.alpha is not None:
         masks.append(dataset.read(file.alpha, window=window)[np.newaxis] != 0)
     for mask in masks:
         if not mask.all():
             valid = np.broadcast_to(mask, raw.shape) if valid is None else valid & mask
-    return valid
+    if file.flat is not None:
+        for numbers, b in zip(raw, bands, strict=True):
+            file.flat.apply(numbers, window, file.nodatas[b])
+    return raw, valid

@@ -89,9 +89,9 @@ def _local(name: str) -> list[str]:
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
     """Raise InputError or WriteError, before anything is written, if an output cannot or may not be written.
 
-    Outputs must be different files, none of which is read as a part of another, or of an input. `reads` has all input
-    names of a run, by role; names that are not files ("auto") are skipped. No file that is read for them
-    (`files_behind`) may be replaced, and other files only with `overwrite`.
+    Outputs must be different files, and none may have the name of a file that GDAL reads with another output or an
+    input (`COMPANIONS`). `reads` has all input names by role; names that are not files ("auto") are skipped. Files that
+    are read for them (`files_behind`) are never replaced; other existing files only if `overwrite` is True.
     """
     taken: dict[tuple[int, int] | str, Path] = {}
     for target in targets:
@@ -258,7 +258,7 @@ def claimed(directory: Path) -> Iterator[None]:
 
 
 def _beside(place: Path, ending: str) -> Path:
-    """New hidden file name beside the output `place`; it contains the process id and, before the suffix, `ending`."""
+    """New hidden file name beside the output `place`, such as ".a.tif.PID-RANDOM.part.tif" for the `ending` "part"."""
     return place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}.{ending}{place.suffix}")
 
 

@@ -319,6 +319,8 @@ def _check(where: str, entry: Mapping[str, Any], allowed: Mapping[str, str], nee
         wanted, kind = _KINDS.get(allowed[key], ("a list", list))
         if not isinstance(value, kind):
             raise InputError(f"{where}: {key}: want {wanted}, got {described(value)}.")
+        if allowed[key] == "tuple[str, ...]" and not all(isinstance(v, str) for v in value):
+            raise InputError(f"{where}: {key}: want texts in quotes, got {described(value)}.")
         if allowed[key] == "float":
             found, least = number(value), "" if key == "time_offset" else " above 0"
             if isinstance(value, bool) or found is None or (least and found <= 0):

@@ -152,7 +152,8 @@ class GlintModel:
                 raise ValueError(f"its format is {data['format']!r}, this version reads {FORMAT}")
             return _checked(from_plain(cls, data))
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
-            raise InputError(f"not a saved deglint model ({error}); make one with --save-model.") from error
+            why = f"it has no entry {error}" if isinstance(error, KeyError) else error
+            raise InputError(f"not a saved deglint model ({why}); make one with --save-model.") from error
 
     def for_bands(self, names: tuple[str, ...]) -> GlintModel:
         """The same model for a scene whose bands have these names, in any order, in upper or lower case.

@@ -94,7 +94,7 @@ class SimulatedScene:
         object lies below the bottom, and where land, foam or a floating target covers it in any band.
     height, slopes : (row, column) and (2, row, column) float32 ndarray, or None
         Height [m], and slopes towards east and north [1], of the resolved waves at the time of the first band, as means
-        over each pixel.
+        over each pixel; None unless `simulate` was called with `keep_surface`.
     resolved_slope_variance : (float, float)
         Expected variance of the upwind and crosswind slopes of the resolved waves on this grid [1].
     cover : (band, row, column) uint8 ndarray or None

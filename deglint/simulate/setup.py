@@ -26,7 +26,7 @@ LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Face
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
 STRONGEST_WIND = 19.6  # largest wind at 10 m [m/s]: it is 20 m/s at 12.5 m, the limit of the slope models
-EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel], as blur crosses the grid's edges
+EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel]: the grid is periodic, so blur wraps
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
 DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]
@@ -72,7 +72,7 @@ class Setup(Checked):
         Number of facets (the cells on which the sea is computed) per pixel, along each axis.
     patch : float
         Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
-        gives none. The value 0.005 fits surfaces simulated with cells of 1 mm; with 0.06, single facets flash.
+        gives none. The value 0.005 fits surfaces simulated with cells of 1 mm; with 0.06, whole facets of 6 cm flash.
     misregistration : tuple of (float, float)
         For each band, displacement (down, right) of its pixels relative to the pixels of the image [pixel]; empty for
         none. The truth of the band is displaced, too.

@@ -103,7 +103,7 @@ def tables(results: Results) -> list[Table]:
 
 
 def overview(results: Results) -> Table:
-    """Table of the error and processor time of every removal in the condition `Effort.shown`."""
+    """Table of error and processor time of the raw image, every removal and noise only, in condition `Effort.shown`."""
     shown = results.effort.shown
     rows = []
     for name in (RAW, *results.effort.names, LIMIT):
@@ -125,7 +125,7 @@ def overview(results: Results) -> Table:
 
 
 def by_condition(results: Results) -> Table:
-    """Table of the error of every removal in every condition (wind and delay between bands)."""
+    """Table of the error of the same images in every condition (wind and delay between bands)."""
     rows = [
         (name, *(short(results.error(condition, name).value) for condition in results.conditions))
         for name in (RAW, *results.used, LIMIT)

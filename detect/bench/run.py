@@ -93,16 +93,16 @@ class Results:
         return [(wind, delay) for delay in self.effort.delays for wind in self.effort.winds]
 
     def error(self, condition: Condition, name: str, part: str = "whole") -> Number:
-        """RMS error of removal `name` [% of the water level], mean over seeds; `part` is "whole" or "deep" (water)."""
+        """RMS error of image `name` [% of the water level], mean over seeds; `part` is "whole" or "deep" (water)."""
         return over_seeds([getattr(image, part) for image in self.images[condition, name]], "%")
 
     def rate(self, condition: Condition, name: str, kind: int, what: str) -> Number:
-        """Mean over seeds of `what` ("auc" or "found" of `Quality`), for removal `name` and `REFLECTANCES[kind]`."""
+        """Mean over seeds of `what` ("auc" or "found" of `Quality`), for image `name` and `REFLECTANCES[kind]`."""
         values = [float(getattr(image, what)[kind]) for image in self.images[condition, name]]
         return over_seeds(values, "", "higher", most=1.0)
 
     def numbers(self) -> dict[str, Number]:
-        """All numbers of the run; keys are names such as "time/hedley/fit"."""
+        """All numbers of the run, by key: "wind09/delay60/hedley/rms-whole", ".../auc/object05", "time/hedley/fit"."""
         out: dict[str, Number] = {}
         for condition, name in self.images:
             stem = f"wind{condition[0]:02g}/delay{1000 * condition[1]:02g}/{name.replace(' ', '-')}"

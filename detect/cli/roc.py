@@ -1,4 +1,4 @@
-"""The command `rxdetect roc`: compare score rasters with known targets, and write a report with ROC curves."""
+"""The command `rxdetect roc`: compare score rasters with known targets; print rates, and write a report if asked."""
 
 import json
 import logging
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 @click.option("--bootstrap", "draws", type=click.IntRange(0, 100_000), default=1000, metavar="N",
               help="Draws of objects and blocks for the intervals; 0: none.")
 @click.option("--block", type=click.IntRange(1), metavar="PIXELS",
-              help="Side of those blocks. [default: 1/24 of the scene, at least 16]")
+              help="Side of the blocks of background. [default: 1/24 of the longer side, at least 16]")
 @click.option("--seed", type=click.IntRange(0), default=0, metavar="N", help="Seed of the draws.")
 @click.option("--lower-is-anomalous", "lower", is_flag=True, help="Low scores are anomalous, not high ones.")
 @options.heading("Output")

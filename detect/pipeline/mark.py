@@ -69,7 +69,7 @@ class Marker:
 
     @cached_property
     def _clutter(self) -> Clutter:
-        """The clutter: scores of the sea without confirmed objects, which are large and bright."""
+        """Clutter of the sea: its scores without those of confirmed (large, bright) objects, and their distribution."""
         model, area = self.plan.model, self.tail.n * (self.plan.pixel_area or math.nan) / 1e6
         assert model is not None
         found = find_among(*self._above(LOW * model.q90, self.beside[ALONGSIDE]))
@@ -101,19 +101,15 @@ class Marker:
         """Objects above the threshold; for "sea" by ascending number of false objects per km2, if known."""
         if self.plan.model is None:
             return [Rated(o, "anomaly", math.nan, math.nan) for o in self._found(self._above(threshold.value))]
-        rated = self._afloat(threshold)
-        rated += self._alongside(threshold, len(rated))
-        if self._clutter.area > 0:
-            rated.sort(key=lambda r: (r.rate, -r.found.score_top))
-        return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
-
-    def _afloat(self, threshold: Threshold) -> list[Rated]:
-        """Objects above the threshold that are not attached to land."""
         low = min(self._clutter.low, threshold.value)
         found = self._found(self._above(low, *self.beside.values()), threshold.value)
         if threshold.method == "peaks":
             found = [o for o in found if o.score_top > threshold.value]
-        return rated_objects(found, self._clutter, self._strata)
+        rated = rated_objects(found, self._clutter, self._strata)
+        rated += self._alongside(threshold, len(rated))
+        if self._clutter.area > 0:
+            rated.sort(key=lambda r: (r.rate, -r.found.score_top))
+        return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
         """Objects above the threshold alongside a quay, at rates up to that of the objects afloat (`afloat` in all)."""

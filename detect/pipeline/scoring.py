@@ -92,9 +92,7 @@ class Scoring:
         else:  # line by line, on one thread: the statistics depend on the order of the lines
             kept = block if mask is None else np.where(mask, block, np.nan)
             scores = np.stack([self.lines.score(line) for line in kept.swapaxes(0, 1)])
-        found = (
-            scores if scores.dtype == np.float32 else np.minimum(scores, np.finfo(np.float32).max).astype(np.float32)
-        )
+        found = np.minimum(scores, np.finfo(np.float32).max).astype(np.float32)
         tail = Tail.of(found, self.keep) if self.keep else None
         p_values = flags = None
         if self.want_p and plan.law:

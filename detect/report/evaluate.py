@@ -255,15 +255,19 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """Summary numbers and some points of a ROC curve, as plain values; `bands` has its bootstrap intervals, if any."""
+    """Summary numbers and some points of a ROC curve, also as arrays; `bands` has its bootstrap intervals, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
-    most = request.pfa_max
+    most, drawn = request.pfa_max, None
+    if bands is not None:
+        same = {name: getattr(bands, name) for name in ("level", "draws", "seed", "block", "objects", "blocks", "pfa")}
+        area = {"low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error}
+        drawn = area | same | {"pd_low": bands.low, "pd_high": bands.high}
     return {
         "name": name,
         "auc": roc.auc,
         "delong": {k: v for k, v in asdict(auc_interval(roc)).items() if k != "auc"},
-        "bootstrap": None if bands is None else _intervals(bands),
+        "bootstrap": drawn,
         "partial_auc": {"pfa_max": most, "raw": roc.partial_auc(most), "mcclish": roc.mcclish(most)},
         "average_precision": roc.average_precision,
         "three_d": roc.three_d(),
@@ -271,15 +275,8 @@ def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict
     }
 
 
-def _intervals(bands: Bands) -> dict[str, Any]:
-    """Bootstrap intervals of a ROC curve, as plain values for JSON."""
-    same = {name: getattr(bands, name) for name in ("level", "draws", "seed", "block", "objects", "blocks", "pfa")}
-    area = {"low": bands.auc[0], "high": bands.auc[1], "standard_error": bands.auc_error}
-    return area | same | {"pd_low": bands.low, "pd_high": bands.high}
-
-
 def _objects(found: ObjectCurve, sign: float, square_km: float) -> dict[str, Any]:
-    """An `ObjectCurve` as plain values for JSON; `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
+    """An `ObjectCurve` as lists and arrays (steps,); `sign` is `Request.sign`, `square_km` is the valid area [km2]."""
     curve = {"threshold": sign * found.thresholds, "pfa": found.pfa, "found": found.found}
     curve |= {"false_alarms": found.false_alarms, "false_alarms_per_km2": found.false_alarms / square_km}
     table = [asdict(replace(o, score_max=sign * o.score_max, score_mean=sign * o.score_mean)) for o in found.objects]

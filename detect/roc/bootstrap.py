@@ -140,7 +140,7 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
 
 
 def _draw(targets: Any, background: Any, at: Float64, draws: int, seed: int) -> tuple[Float64, Float64]:
-    """Draw from the counts of `_count`; return area under the curve, (draws,), and Pd at Pfa `at`, (draws, points)."""
+    """Bootstrap the counts of `_count`; return area under the curve, (draws,), and Pd, (draws, points), at Pfa `at`."""
     rng = np.random.default_rng(seed)
     areas, pds = np.empty(draws), np.empty((draws, len(at)))
     for start in range(0, draws, _DRAWS_AT_A_TIME):

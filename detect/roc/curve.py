@@ -251,7 +251,7 @@ def compare(first: Array, second: Array, truth: Array, valid: Mask | None = None
     difference, error = areas[0] - areas[1], math.sqrt(_variance(one[0] - two[0], one[1] - two[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         z = float(np.divide(difference, error))
-    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # equal ranks
+    p = 1.0 if difference == error == 0 else math.erfc(abs(z) / math.sqrt(2))  # both rank all pixels alike
     low, high = difference - _Z * error, difference + _Z * error
     return Comparison(areas, difference, error, z, p, low, high, pixels=int(np.count_nonzero(ok)))
 

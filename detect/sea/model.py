@@ -239,9 +239,9 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 
 
 def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
-    """Return the model with statistics of the `used` pixels: variance and whitening matrix at every scale.
+    """Return the model with statistics of pixels in the masks `used`: variance and whitening matrix at every scale.
 
-    The quantiles of the distance are those of all pixels of water, in the masks `water`; for the median, with the rim.
+    Of the distance, it has the 99.9 % quantile of pixels in the masks `water`, and the median of water and rim.
     """
     variance = np.zeros_like(model.variance)
     total = max(sum(int(u.sum()) for u in used), 1)

@@ -46,14 +46,14 @@ class SeaRule:
 
     def __post_init__(self) -> None:
         if not self.pixel > 0:
-            raise InputError(f"pixel: allowed is above 0 m, got {self.pixel}.")
+            raise InputError(f"pixel: want a side above 0 m, got {self.pixel}.")
         if not 0 <= self.width <= self.length < math.inf:
-            size = f"{self.length:g} by {self.width:g} m"
-            raise InputError(f"largest object: allowed is a finite length of at least its width, got {size}.")
+            size = f"length {self.length:g} and width {self.width:g}"
+            raise InputError(f"largest object: want 0 <= width <= length < infinity [m], got {size}.")
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Length and width of the largest floating object [pixel], scaled down where the length is above `MOST`."""
+        """Length and width of the largest floating object [pixel], both scaled so that the length is at most `MOST`."""
         scale = min(1 / self.pixel, MOST / self.length if self.length else math.inf)
         return self.length * scale, self.width * scale
 
@@ -112,8 +112,8 @@ def hull(length: float, width: float, size: float) -> bool:
 def likeness(length: float, width: float, size: float) -> float:
     """How similar a part attached to land is to a ship: size times the cube of the filled fraction of its rectangle.
 
-    `length` and `width` are the sides of the smallest rectangle, `size` is the number of pixels in the part. A hull
-    fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not.
+    `length` and `width` are the sides of the smallest rectangle [pixel], `size` is the number of pixels in the part. A
+    hull fills its rectangle. Corners and bends of piers, the most frequent false alarms, do not.
     """
     return size * (size / (length * width)) ** 3
 

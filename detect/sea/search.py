@@ -131,7 +131,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
-    """Remove the scores `taken` from a tail; each value is removed as often as it occurs in `taken`."""
+    """The tail without the scores `taken`, each removed as often as it occurs there; `n` decreases by their number."""
     ascending = tail.values[::-1]
     gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
     at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
@@ -148,7 +148,7 @@ class Rated(NamedTuple):
 
 
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
-    """Rate objects afloat, in order of descending `score_top`; `strata` kinds of objects share the false-alarm rate."""
+    """Rate objects afloat, highest `score_top` first; rates are multiplied by `strata`, the number of object kinds."""
     found = sorted(found, key=lambda o: -o.score_top)
     sizes = [o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1 for o in found]
     rates = np.array([clutter.false_per_km2(o.score_top, size) for o, size in zip(found, sizes, strict=True)])

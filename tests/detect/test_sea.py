@@ -198,7 +198,7 @@ def test_a_large_offset_does_not_hide_the_sea():
 
 @pytest.mark.parametrize("size", [(np.inf, 60), (np.inf, np.inf), (np.nan, 60), (60, 400)])
 def test_a_largest_object_without_a_size_is_refused(size):
-    with pytest.raises(InputError, match="finite length"):
+    with pytest.raises(InputError, match="width <= length < infinity"):
         SeaRule(10.0, *size)
 
 
@@ -292,7 +292,7 @@ def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, met
         (("--method", "sea", "--save-background", "b.json"), "take --method rx"),
         (("--pfa", "1e-3", "--chips", "chips"), "give --objects"),
         (("--pfa", "1e-3", "--objects", "o.shp"), "allowed are .geojson"),
-        (("--largest-object", "60,400"), "length of at least its width"),
+        (("--largest-object", "60,400"), "width <= length < infinity"),
     ],
 )
 def test_refusals(rxdetect, scene, tmp_path, monkeypatch, options, message):

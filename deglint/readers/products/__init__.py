@@ -110,7 +110,7 @@ def name_of(path: str) -> str | None:
 
 
 def files_of(path: str) -> tuple[str, ...]:
-    """GDAL names of the files of the product `path`: images, detector numbers, metadata; `path` if it is no product."""
+    """GDAL names of the rasters (images, detector numbers) and metadata of the product `path`; `path` if it is none."""
     product = find(path)
     if product is None:
         return (path,)
