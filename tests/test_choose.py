@@ -220,6 +220,14 @@ def test_ships_do_not_judge_and_the_sea_does():
     assert inside.sum() == 80 * 80 - (3 + 2 * NOT_JUDGED) ** 2
 
 
+def test_glint_on_a_part_of_the_sea_is_no_ship():
+    image = np.random.default_rng(1).normal(1, 0.1, (2, 80, 80)).astype(np.float32)
+    image[:, :, 64:] += np.random.default_rng(2).exponential(2, (80, 16)).astype(np.float32)
+    state = State.of(image)
+    (inside,) = without_ships(Sample((state,), (state.water,))).inside
+    assert inside.all()
+
+
 def test_the_rim_of_land_does_not_judge():
     water = np.ones((80, 80), bool)
     water[:, 60:] = False

@@ -1,5 +1,7 @@
 """References with ships, surf and land replaced: the same in tiles as in the whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,10 +34,11 @@ def test_ships_take_the_mean_of_the_water_around(nir_with_ship):
     np.testing.assert_array_equal(cleaned[~exceeds], nir_with_ship[~exceeds])
 
 
+@pytest.mark.parametrize("noise", [0.0, 2.0])
 @pytest.mark.parametrize("land", [False, True])
-def test_tiles_are_the_whole_to_the_bit(nir_with_ship, land):
+def test_tiles_are_the_whole_to_the_bit(nir_with_ship, land, noise):
     """A ship in one tile changes nothing in another, where darker water holds what is fainter than any sample."""
-    rule, water = rule_of(nir_with_ship), np.ones(nir_with_ship.shape, bool)
+    rule, water = replace(rule_of(nir_with_ship), noise=noise), np.ones(nir_with_ship.shape, bool)
     if land:
         water[:20, :60] = False
     whole, _ = clean(nir_with_ship, water, rule)
@@ -43,6 +46,18 @@ def test_tiles_are_the_whole_to_the_bit(nir_with_ship, land):
         low, high = max(columns.start - rule.halo, 0), columns.stop + rule.halo
         part, _ = clean(nir_with_ship[:, low:high], water[:, low:high], rule)
         np.testing.assert_array_equal(part[:, columns.start - low :][:, :110], whole[:, columns])
+
+
+def test_noise_is_averaged_where_there_is_no_more_and_glint_stays():
+    rng = np.random.default_rng(2)
+    calm = rng.normal(50, 2, (120, 120)).astype(np.float32)
+    calm[60:63, 60:63] += 100
+    every = np.ones(calm.shape, bool)
+    rule = fit_reference([(calm, every)], 3, sparkle=True, noisy=True)
+    assert rule.noise == pytest.approx(2, rel=0.05)
+    cleaned, _ = clean(calm, every, replace(rule, limit=np.inf))
+    assert cleaned[:50].std() < 0.4 * 2
+    assert abs(cleaned - calm)[60:63, 60:63].max() < 2
 
 
 def test_nothing_is_copied_where_nothing_exceeds():

@@ -188,6 +188,20 @@ def test_an_even_sheet_of_glint_is_warned_of_with_its_interval():
     assert not fitted(swell_block(noise=0.5)).warnings
 
 
+@pytest.mark.parametrize("sparkle", [False, True])
+def test_glint_on_a_quarter_of_the_sea_is_removed_there_and_adds_no_noise_elsewhere(sparkle):
+    part = np.arange(256) >= 192
+    block = WATER + SLOPES * np.where(part, waves(), 0) + np.random.default_rng(3).normal(0, 2, (4, 192, 256))
+    request = nir_request(BANDS, [3], regression="detrended")
+    every = np.ones(block.shape[1:], bool)
+    tile = SampleTile(block.astype(np.float32), every, every)
+    out = remove.apply(tile.block, wiener.fit(replace(request, sparkle=sparkle, resolved=sparkle), [tile]))
+    left = (out - WATER)[:3]
+    assert left[:, 8:-8, 200:-8].std(axis=(1, 2)) == pytest.approx(2, abs=1.5)  # of 20
+    calm = left[:, 8:-8, 8:184].std(axis=(1, 2))
+    assert (calm < (2.2 if sparkle else 3)).all()  # with all of the noise of the NIR: 2.8
+
+
 def test_ships_and_land_are_left_and_the_water_beside_them_too():
     block = swell_block((256, 256))
     block[:, 100:104, 100:112] += 4000

@@ -17,6 +17,7 @@ from ..morphology import grown
 from ..remove.detrend import LOCAL_MEAN
 from ..remove.levels import even_share
 from ..remove.noise import noise, spread
+from ..remove.reference import OFTEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
 from .score import EDGES, expected_errors, least_glint, least_signal, level_excess, partners, powers
@@ -69,7 +70,7 @@ class Choice:
 
     best: Candidate
     trials: tuple[Trial, ...] = ()  # simplest candidate first; empty where nothing could be tried
-    failed: dict[str, str] | None = None  # reason by name of each candidate that could not be fitted
+    failed: dict[str, str] | None = None  # why candidates could not be fitted or were refused, by name
     width: float = 0.0  # width of the smallest object to keep, at most `LARGEST_DISC` where discs were added [pixel]
 
     @property
@@ -285,7 +286,7 @@ def _check(fitted: FittedChain, fine: Float32 | None) -> None:
     if fine is not None and not fitted.chain.replaces:
         _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
-        raise FitError("what removal leaves varies no more than the calm water")
+        raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
 
 
 def _too_small(sample: Sample) -> bool:
@@ -296,14 +297,17 @@ def _too_small(sample: Sample) -> bool:
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
     ships would get too small an expected error. For coarse pixels only, as in fine ones sparkle is as bright as ships.
+    In a band with more bright pixels than ships have (`OFTEN`), these are glint, and stay.
     """
     import cv2
 
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
         high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]
-        limit = FAR_OUT * spread(sample.values(high))
-        inside = [m & ~grown(plane > limit, 2 * NOT_JUDGED + 1) for m, plane in zip(inside, high, strict=True)]
+        values = sample.values(high)
+        limit = FAR_OUT * spread(values)
+        if np.percentile(values, OFTEN) <= limit:
+            inside = [m & ~grown(plane > limit, 2 * NOT_JUDGED + 1) for m, plane in zip(inside, high, strict=True)]
     return replace(sample, inside=tuple(inside))
 
 
@@ -344,8 +348,8 @@ def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
     share, deviation = even_share(taken), float(np.std(taken))
     if share > EVEN and deviation < MIRRORED:
         raise FitError(
-            f"what it would take varies by {deviation:.1%} of the water, and {min(share, 1):.0%} of its variance lies "
-            "evenly about its median, as mirrored sky does"
+            f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, and "
+            f"{min(share, 1):.0%} of its variance is symmetric about its median"
         )
 
 

@@ -17,12 +17,17 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import box_sum, grown, squares
 from ..scene import FloatArray
 from .detrend import LOCAL_MEAN
+from .noise import noise
 
 LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
 """A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
 Ships raise the maxima in the squares of a port, while a long tail of sparkle is in every square."""
+OFTEN = 99.0
+"""Percentile of the excess over the local mean. Above it are more pixels than ships have, even in a port. If it exceeds
+the limit, the bright pixels are glint, on a part of the scene."""
 LEAST_LOCAL = 8  # fewest pixels of water for a local mean with which a pixel is compared [pixel]
+NOISE_SIDE = 5  # side of the squares whose variance is compared with that of noise [pixel]: as the largest kernel
 GRAINS = 65535  # largest quantised value (grain), for exact sums; the sum of 225 of them stays below 2^31
 
 
@@ -36,23 +41,26 @@ class ReferenceRule:
     low: float  # for local means, values are quantised: (value - low) / step as integers [unit of the band]
     step: float
     edge: int = 1  # width of the mixed pixels around anything that is not open water [pixel]
+    noise: float = 0.0  # standard deviation of the noise that `clean` reduces [unit of the band]; 0: not reduced
 
     @property
     def halo(self) -> int:
-        """Number of pixels that `clean` needs on every side of a tile, for three local means and three mixed edges."""
-        return 3 * (LOCAL_MEAN // 2) + 3 * self.edge
+        """Pixels that `clean` needs on every side of a tile, for three local means, three mixed edges and the noise."""
+        return 3 * (LOCAL_MEAN // 2) + 3 * self.edge + (NOISE_SIDE // 2 if self.noise else 0)
 
 
 def fit_reference(
-    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False
+    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False, noisy: bool = False
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
     looks : for each tile the band and a mask of open water away from shores, (row, column); too little water: no limit
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
-    sparkle : True if pixels may resolve sparkle, with few very bright flashes. The limit is then at least the excess of
-        one pixel in a million, extrapolated by a power law through the 99th and the 99.9th percentile of the excess
+    sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, and if glint is on a part of the
+        scene (`OFTEN`), the limit is at least the excess of one pixel in a million, extrapolated by a power law through
+        the 99th and the 99.9th percentile of the excess
+    noisy : whether `clean` reduces the noise of the reference
     """
     looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
     found = [values[sample] for values, sample in looks if sample.any()]
@@ -70,10 +78,11 @@ def fit_reference(
     if not tops:
         return rule
     limit = FACTOR * float(np.percentile(tops, QUARTILE))
-    if sparkle:
-        often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [99.0, 99.9]), np.finfo(np.float32).tiny)
+    often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [OFTEN, 99.9]), np.finfo(np.float32).tiny)
+    if sparkle or often > limit:
         limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
-    return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge)
+    s = noise([np.where(i, v, 0).astype(np.float32) for v, i in looks], [i for _, i in looks]) if noisy else 0.0
+    return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge, s)
 
 
 def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
@@ -90,6 +99,33 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     Returns the new reference, (row, column), or `values` itself if nothing is replaced; it is 0 where there is no water
     around. Also returns a mask of open water that was too bright for glint, with the pixels next to it; None if none.
     """
+    out, over = _replaced(values, water, rule)
+    return _less_noisy(out, rule) if rule.noise else out, over
+
+
+def _less_noisy(values: FloatArray, rule: ReferenceRule) -> FloatArray:
+    r"""Shrink a reference R, (row, column), toward its local mean m where it varies no more than noise does.
+
+    .. math:: R' = m + \max(0, 1 - s^2 / v) (R - m)
+
+    m and v are mean and variance in `NOISE_SIDE` x `NOISE_SIDE` pixels, s is `rule.noise`. Without this, the noise of
+    the NIR is added to the bands in water without glint, or the kernels of such water leave glint elsewhere.
+
+    Lee (1980), IEEE Transactions on Pattern Analysis and Machine Intelligence 2, 165-168,
+    doi:10.1109/TPAMI.1980.4766994.
+    """
+    import cv2
+
+    grains, side = _grains(values, rule), (NOISE_SIDE, NOISE_SIDE)
+    mean = cv2.boxFilter(grains, cv2.CV_32S, side, normalize=False) / NOISE_SIDE**2
+    variance = np.maximum(cv2.sqrBoxFilter(grains, cv2.CV_64F, side) - mean**2, 1.0)  # that of rounding is below 1
+    weight = np.maximum(1 - (rule.noise / rule.step) ** 2 / variance, 0).astype(values.dtype)
+    mean = (mean * rule.step + rule.low).astype(values.dtype)
+    return mean + weight * (values - mean)
+
+
+def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
+    """The same as `clean`, without reducing noise."""
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
     everywhere = bool(water.all())

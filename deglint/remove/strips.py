@@ -3,7 +3,7 @@
 The detectors of Sentinel-2 are arranged in two rows. One row takes the blue band first, the other takes it last, so
 that waves are displaced in opposite directions in neighbouring strips. There are therefore two kinds of strips, and one
 kernel for both would fit neither. The kind at a pixel is known from the footprints of the detectors in the metadata, or
-determined from the image: the kernels of the two kinds are mirror images of each other.
+determined from the image: the kernels of the two kinds are point reflections of each other.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ def _hat(places: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.float32]:
 
 
 def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
-    """Two kernels of 3 x 3 pixels, (input, band) each, that explain a sample much better than one kernel; else None.
+    """Kernels of 3 x 3 pixels, (offset, band) each, of the two kinds of strips; None if one kernel is nearly as good.
 
     In turn, each square of the sample is assigned to the kernel with the smaller residual, and each kernel is fitted to
-    its squares. The first two are the kernel of all squares and its mirror image. Also None if a kind has few squares.
+    its squares. The first two are that of all squares and its point reflection. None, too, if a kind has few squares.
     """
     inputs, outputs = grams.columns(0, 3), grams.outputs
     total = grams.grams.sum(axis=0)
     one = solve(total, inputs, outputs)
     two = [one, one[::-1]]
     for _ in range(ROUNDS):
-        second = second_kind(grams, two)
+        second = second_is_better(grams, two)
         if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
             return None
         two = [solve(grams.grams[second == k].sum(axis=0), inputs, outputs) for k in (False, True)]
@@ -72,7 +72,7 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
     return (two[0], two[1]) if saved > SPLIT_WORTH else None
 
 
-def second_kind(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
+def second_is_better(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
     """Mask (square,) of those image squares whose glint the second of two `kernels` predicts better than the first."""
     first, second = (_left(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)

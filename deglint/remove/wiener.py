@@ -34,9 +34,9 @@ from .levels import AVERAGED, LevelSample, apart_from_sparkle, floors, shared_le
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
 from .predict import predictions
-from .reference import FACTOR, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
+from .reference import FACTOR, OFTEN, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
-from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_kind
+from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_better
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
 """Function that returns, for a tile, row and column in the scene of each square of `CELL` pixels, (square, 2), and a
@@ -53,8 +53,7 @@ VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
 COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
-SUN_ZENITH = 40.0
-"""Sun zenith angle for the spectrum of glint [degree]; the spectrum changes by less than `COLOUR` from 20 to 60."""
+SUN_ZENITH = 40.0  # for the spectrum of glint [degree], which changes by less than `COLOUR` from 20 to 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +75,10 @@ def fit(
     request : with regression "ols" no local plane is subtracted, and responses are not shifted to the expected spectrum
     tiles : parts of the scene, spread over it; 0.3 million pixels are enough
     strips : map of the detector strips with opposite band delays, which get separate kernels; or a function that makes
-        the map of the whole scene. It is called if the sample shows two kinds of strips. Its argument is a function
-        that takes a tile, and returns the positions and kinds of the squares of the tile
+        the map of the whole scene with a `SquareKinds`. It is called if the sample shows two kinds of strips
 
-    Returns a model without fits if the glint common to the bands is not significant or not worth removing.
-
-    Raises FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
+    Returns a model without fits if the glint common to the bands is not significant or not worth removing. Raises
+    FitError for too little open water, a constant NIR, or sums of squares beyond double precision.
 
     Hedley, Harborne, Mumby (2005), International Journal of Remote Sensing 26, 2107-2112,
     doi:10.1080/01431160500034086 (one pixel of the NIR); Wiener (1949), Extrapolation, Interpolation, and Smoothing of
@@ -136,7 +133,8 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
     for r in references:
         edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
         looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
-        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle)
+        resolved = request.sparkle and not request.faint  # at coarse pixels, fine waves look like noise
+        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle, noisy=resolved)
     return rules
 
 
@@ -145,7 +143,7 @@ def _kinds(
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
     grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
-    return grams.places, second_kind(grams, pair)
+    return grams.places, second_is_better(grams, pair)
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
@@ -246,8 +244,10 @@ def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[M
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
         return list(inside)
-    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)[:, None, None]
-    return [i & ~grown((np.abs(h) > limits).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
+    limits = FACTOR * np.percentile(tops, QUARTILE, axis=0)
+    often = np.percentile(np.concatenate([np.abs(h[:, i]) for h, i in every], axis=1), OFTEN, axis=1)
+    limits[often > limits] = np.inf
+    return [i & ~grown((np.abs(h) > limits[:, None, None]).any(axis=0), 2 * kernels.KERNEL_REACH + 1) for h, i in every]
 
 
 def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references: int) -> list[Mask]:
