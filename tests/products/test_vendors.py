@@ -11,6 +11,7 @@ from PIL import Image
 
 import deglint
 from deglint.errors import InputError, ReadError
+from deglint.pipeline.outputs import log_scene
 from deglint.readers.products.drone import _black_level
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "real"
@@ -160,7 +161,7 @@ def test_damaged_metadata_say_what_to_do(vendor, sea, tmp_path, broken):
         assert len(scene.bands) == count
 
 
-def test_several_captures_say_what_to_name(vendor, sea, tmp_path):
+def test_several_captures_say_what_to_name(vendor, sea, tmp_path, caplog):
     vendor.micasense(tmp_path, sea())
     for path in sorted(tmp_path.glob("IMG_0192_*.tif")):
         path.with_name(path.name.replace("0192", "0193")).write_bytes(path.read_bytes())
@@ -169,6 +170,9 @@ def test_several_captures_say_what_to_name(vendor, sea, tmp_path):
     scene = deglint.open_scene(sorted(tmp_path.glob("IMG_0192_*.tif")))
     assert [b.wavelength for b in scene.bands] == list(MICASENSE.values())
     assert any("not registered" in n for n in scene.notes)
+    with caplog.at_level("INFO", "deglint"):
+        log_scene(scene)
+    assert "not registered" in caplog.text
     alone = deglint.open_scene(tmp_path / "IMG_0192_4.tif")
     assert [(b.name, b.wavelength) for b in alone.bands] == [("NIR", 842)]
     assert not any("not registered" in n for n in alone.notes)
