@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -253,12 +252,6 @@ def test_rules_are_plain_numbers(coast):
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
     assert "looked at are water" in rule.reason
-
-
-@pytest.mark.parametrize(("window", "share", "said"), [(17, 0.13, True), (17, 0.77, False), (1, 0.13, False)])
-def test_much_land_in_fine_pixels_may_be_glint_and_the_line_says_what_to_do(coast, window, share, said):
-    rule = replace(fit_water([coast[0]], ROLES, pixel=10.0), window=window, water_fraction=share)
-    assert ("--mask none" in rule.reason) == said
 
 
 # ------------------------------------------------------------------------------------------ hard inputs

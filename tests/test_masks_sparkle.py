@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from deglint.masks import Roles, fit_water, water
+from deglint.masks import Roles, WaterRule, fit_water, water
 from deglint.physics.presets import preset
 from deglint.simulate import Bottom, Setup, simulate
 
@@ -44,6 +44,12 @@ def test_bright_spots_are_glint_at_fine_pixels_and_boats_at_coarse_ones():
         assert found[~spots].all()
     put(scene, np.indices((200, 240))[1] > 210, LAND, 0.25)
     assert not water(scene, fit_water([scene], ROLES, pixel=FINE))[:, 211:].any()
+
+
+@pytest.mark.parametrize(("sides", "said"), [({}, False), ({"window": 7}, True), ({"core": 7}, True)])
+def test_what_fills_squares_may_be_dense_glint(sides, said):
+    rule = WaterRule(ROLES, threshold=0.1, bright=0.05, water_fraction=0.97, pixels=1000, **sides)
+    assert ("--mask none" in rule.reason) == said
 
 
 def test_bright_spots_of_unknown_size_are_boats_only_near_land_and_only_at_some_places():
