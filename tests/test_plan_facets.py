@@ -99,7 +99,12 @@ def test_the_facet_grid_of_the_thesis_does_not_resolve_the_sun_but_converges():
 @pytest.mark.parametrize("model", sky.SKY_MODELS)
 @pytest.mark.parametrize(
     ("wind", "sun_at", "tolerance"),
-    [(9.0, (20.5, 270.2), 0.01), (2.0, (45.0, 100.0), 0.01), (14.0, (70.0, 30.0), 0.025)],
+    [
+        (9.0, (20.5, 270.2), 0.01),
+        (2.0, (45.0, 100.0), 0.01),
+        (14.0, (70.0, 30.0), 0.01),
+        (2.0, (80.0, 25.0), 0.01),  # the glow that is mirrored at 205 degrees is narrow
+    ],
 )
 def test_mirrored_sky_is_the_sum_at_every_look(model, wind, sun_at, tolerance):
     zenith, azimuth = np.arange(81.0), np.arange(361.0)
