@@ -134,7 +134,7 @@ def make_plan(
     pixel_area = ground_area(scene.transform, scene.crs, *size) or (pixel_size(scene) or 0) ** 2 or None
     shape, own = tiling.tile_shape(*size, len(bands), block_of(scene)), dict[str, Any]()
     if recipe.method == "local":
-        rows, columns = (-(-side // CELL) for side in shape)  # few enough to occupy all threads
+        rows, columns = (-(-side // CELL) for side in shape)  # cells of a tile: few enough to occupy all threads
         while math.prod(size) < 2 * threads * rows * columns * CELL**2 and rows * columns > 1:
             rows, columns = (rows // 2, columns) if rows >= columns else (rows, columns // 2)
         shape = rows * CELL, columns * CELL
@@ -161,7 +161,8 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
     if not why:
         try:
             searched = replace(recipe, method="sea")
-            return *_masked(scene, searched, threads), "auto: sea, since there is water to compare with"
+            said = "there is water to compare with" if recipe.mask in ("auto", "water") else "--mask says where it is"
+            return *_masked(scene, searched, threads), f"auto: sea, since {said}"
         except (InputError, NoWaterError) as error:
             if recipe.mask not in ("auto", "water"):
                 raise
@@ -252,7 +253,7 @@ def water_of_removal(scene: Scene, nir: int) -> Water | None:
     _roles, bands = roles_of(scene, nir)
     try:
         numbers = dict(read_json(f"{scene.path}.json", "sidecar")["water"])
-        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # not finite
+        rule: WaterRule = from_plain(WaterRule, {k: v for k, v in numbers.items() if v is not None})  # null: not finite
     except (DeglintError, KeyError, TypeError, ValueError):
         return None
     roles = rule.roles

@@ -28,14 +28,15 @@ class Recipe:
     Attributes
     ----------
     method : str
-        A key of `detect.rx.METHODS`, or "auto": the method of an option that "sea" lacks, if one is set; else "rx" for
-        `threshold` "f" or "chi2", p-values, saving a background, over 16 bands, under 100 pixels, no water; else "sea".
+        A key of `detect.rx.METHODS`, or "auto": the method of an option that "sea" lacks, if set; "rx" for `threshold`
+        "f" or "chi2", p-values, a background to save, over 16 bands, under 100 pixels, or no water (sought only with
+        the `mask` "auto" or "water"); else "sea".
     window : (int, int)
         For "local": sides of the guard, and of the window around it [pixel].
     border, ddof : str, int
         For "local": as in `detect.local.local_rx`.
     covariance, ridge : str, float
-        Covariance, as in `detect.background.fit`; "local" allows "empirical" and "ridge", "lines" only "empirical".
+        As in `detect.background.fit`; "local" takes "empirical" or "ridge", "lines" and "sea" only "empirical".
     background : str
         Pixels in the mask to compare with. "": all valid ones; else GeoJSON file, raster, window, or saved background.
     bands, nir : tuple of str
@@ -47,9 +48,9 @@ class Recipe:
         Where to score: "none" (everywhere), "water" (found in the scene), or a raster, GeoJSON file or window; "auto"
         is "water" for "sea", else "none". "sea" fills the holes of the mask at floating objects.
     pfa : float, optional
-        Requested false-alarm rate per pixel; without it and `false_per_km2` there is no threshold.
+        Requested false-alarm rate per pixel. If neither it nor `false_per_km2` is given, there is no threshold.
     threshold : str
-        How the threshold is found; one of `detect.threshold.THRESHOLDS`.
+        How the threshold for `pfa` is found; one of `detect.threshold.THRESHOLDS`.
     false_per_km2 : float, optional
         For "sea": requested number of false objects per km2 of sea, instead of `pfa`.
     largest_object : (float, float)
@@ -94,7 +95,7 @@ class Recipe:
             if method not in ("auto", owner) and getattr(self, name) != getattr(Recipe, name):
                 raise InputError(f"--{name.replace('_', '-')} is for method {owner}, not {method}: leave it out.")
         allowed = ("empirical", "ridge") if method == "local" else ("empirical",)
-        if self.kind.matrices is None and (self.background or (method != "sea" and self.covariance not in allowed)):
+        if self.kind.matrices is None and (self.background or self.covariance not in allowed):
             raise InputError(
                 f"{method} has a background of its own for every pixel: leave out --background, and take --covariance "
                 f"{' or '.join(allowed)}."
@@ -107,6 +108,8 @@ class Recipe:
             raise InputError("pfa and false-per-km2 both state the false-alarm rate: give one of them.")
         if rate is not None and method not in ("auto", "sea"):
             raise InputError(f"false-per-km2 needs --method sea, got {method}. Give --pfa.")
+        if rate is not None and self.threshold != "gpd":
+            raise InputError("false-per-km2 sets the threshold: leave out --threshold, which is for --pfa.")
         if self.threshold in ("chi2", "f") and not self.kind.law and (method == "sea" or self.pfa is not None):
             raise InputError(f"{method} scores follow neither chi-squared nor F: take --threshold gpd or empirical.")
 

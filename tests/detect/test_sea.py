@@ -272,7 +272,7 @@ def test_tiles_give_the_same_scores(rxdetect, scene, tmp_path, monkeypatch):
         (("--window", "3,15"), "local", "--window is an option of it"),
         (("--drop", "2"), "subspace", "--drop is an option of it"),
         (("--threshold", "f", "--pfa", "1e-3"), "rx", "the law of its scores"),
-        (("--mask", "0,0,200,200"), "sea", "there is water"),
+        (("--mask", "0,0,200,200"), "sea", "--mask says where it is"),
     ],
 )
 def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, method, why):
@@ -288,6 +288,8 @@ def test_auto_says_what_it_takes_and_why(rxdetect, scene, tmp_path, options, met
     [
         (("--false-per-km2", "1", "--pfa", "1e-3"), "give one of them"),
         (("--false-per-km2", "1", "--method", "rx"), "needs --method sea"),
+        (("--false-per-km2", "1", "--threshold", "empirical"), "leave out --threshold"),
+        (("--method", "sea", "--covariance", "oas"), "take --covariance empirical"),
         (("--method", "sea", "--pfa", "1e-3", "--threshold", "f"), "neither chi-squared nor F"),
         (("--method", "sea", "--save-background", "b.json"), "take --method rx"),
         (("--pfa", "1e-3", "--chips", "chips"), "give --objects"),
