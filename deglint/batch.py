@@ -1,7 +1,7 @@
 """Process many scenes with one recipe, in separate processes: a scene that fails does not stop the others.
 
-A recipe file holds the options. A scene is finished if the sidecar of its output records the same recipe and the same
-checksums of input and outputs; a batch that was interrupted can therefore be continued. Each worker process handles one
+A recipe file holds the options. A scene is finished if its sidecar records the same options, and neither its input nor
+its outputs have changed since; a batch that was interrupted can therefore be continued. Each worker process handles one
 scene after the other, so it imports modules only once. A worker that crashes is reported and replaced.
 """
 
@@ -51,7 +51,7 @@ class BatchConfig:
     recipe: Recipe = field(default_factory=Recipe)
     directory: Path = Path()  # of the outputs; created if it is missing
     name: str = "{name}_deglinted.tif"  # file name of an image; "{name}" stands for the name of the scene
-    extras: tuple[str, ...] = ()  # keys of `BESIDE` that are written too, as "{name}_flags.tif" and so on
+    extras: tuple[str, ...] = ()  # keys of `BESIDE` to write, too: beside an image X.tif, X_flags.tif and so on
     dtype: str | None = None  # type of the image; None: the type of the scene
     options: Mapping[str, str] = field(default_factory=dict)  # GDAL creation options
     opening: Mapping[str, Any] = field(default_factory=dict)  # keywords of `deglint.open_scene`
@@ -163,7 +163,7 @@ def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 
 
 def state_of(job: Job) -> tuple[str, str]:
-    """Status before processing ("to do", "finished before", or "failed": files differ from this batch's), and why."""
+    """Status before processing ("to do", "finished before", or "failed": outputs are not this batch's), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
     there = [p for p in every if p.exists()]
     if not there:
@@ -202,7 +202,7 @@ def run_batch(
     divided evenly). `overwrite` replaces existing outputs that were altered, or do not come from this recipe and
     these inputs; finished scenes are never recomputed. `dry_run` only reports what would be done. `done` is called with
     each outcome. Before any scene is processed, the function raises InputError if an output would replace another
-    output or an input, and WriteError if the output directory is not writable or is used by another batch.
+    output or an input; and WriteError, except in a dry run, if another batch uses the directory or it is not writable.
     """
     jobs = jobs_of(order, scenes)
     found: dict[int, Outcome] = {}
@@ -240,7 +240,7 @@ def _run_jobs(
     idle = deque(workers)
 
     def work(job: Job) -> Outcome:
-        worker = idle.popleft()  # there are as many workers as threads of the pool
+        worker = idle.popleft()  # never empty: there are as many workers as threads of the pool
         done = worker.run(job)
         idle.append(worker)
         return done
@@ -276,7 +276,7 @@ class _Worker:
         theirs.close()
 
     def run(self, job: Job) -> Outcome:
-        """Run a job in the worker process and return its outcome, "failed" after a crash; log its records here."""
+        """Run a job in the worker process and return its outcome, "failed" after a crash; log the worker's messages."""
         begun = time.perf_counter()
         if not self.process.is_alive():
             self.start()
@@ -294,7 +294,6 @@ class _Worker:
 
 def _serve(line: Any, order: BatchConfig, threads: int, talks: bool) -> None:
     """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
-
     `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, the
     only log records that are sent are those on the remaining time.
     """

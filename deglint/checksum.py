@@ -54,7 +54,7 @@ class Checksum:
         for path in (name for name in {**self._before, **after} if not name.endswith(_VIEWER_FILES)):
             one, two = self._before.get(path), after.get(path)
             same = one == two and (path in self._before) == (path in after)
-            if not same and one and two and one[:3] == two[:3]:  # the time may have been reset
+            if not same and one and two and one[:3] == two[:3]:  # the content may be new, with the old time
                 same = fingerprint(path)["crc32"] == crcs.get(path, "")
             if not same:
                 return path
@@ -83,7 +83,7 @@ def are_as(names: Sequence[str], said: Mapping[str, Mapping[str, Any]]) -> bool:
 
 
 def is_as(path: str | Path, said: Mapping[str, Any]) -> bool:
-    """Whether a file has the size of the fingerprint `said`, and its modification time or, if not, its checksum."""
+    """Whether a file has the size and the time or CRC-32 that `said` states; if no file, whether it states no size."""
     stamp = _stamp(path)
     if stamp is None:
         return said.get("bytes") is None

@@ -20,7 +20,7 @@ from .errors import DeglintError, InputError
 from .raster.environment import environment
 from .tiles import Tile
 
-TILES_AHEAD = 3  # tiles in progress, or finished and not fetched yet, for each thread of a worker
+TILES_AHEAD = 3  # most tiles in progress, or finished and not fetched yet, for each thread of a worker
 WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
 _CONNECT = 15.0  # time limit of a connection to the scheduler, and of the wait for a worker [s]
 _LOST = "lost the cluster: its scheduler does not answer any more. Start one, and give the command again."
@@ -40,7 +40,7 @@ class Cluster:
         progress: Callable[[int, int], None] | None = None,
         **_of_threads: Any,
     ) -> Iterator[tuple[Tile, Any]]:
-        """Call `work` on every tile and yield (tile, result) in order; for threads, `deglint.tiles.run` does the same.
+        """Call `work` on every tile and yield (tile, result) in order, as `tiles.run`; its thread options are ignored.
 
         Raises errors of `work`; DeglintError if the scheduler or all workers are lost, or a tile kills several workers.
         """
@@ -72,11 +72,11 @@ class Cluster:
             while True:
                 with suppress(TimeoutError):
                     return future.result(timeout=WORKER_PATIENCE)
-                if future.done():  # just now; or the work itself has run out of time
+                if future.done():  # it ended just now, or `work` itself raised TimeoutError
                     return future.result()
                 if not self.client.nthreads():
                     raise DeglintError(f"the cluster has had no worker for {WORKER_PATIENCE:g} s. Start some.")
-        except DeglintError:  # some are OSErrors, too
+        except DeglintError:  # ReadError and WriteError are OSErrors, but no loss of the cluster
             raise
         except KilledWorker as error:
             raise DeglintError(
@@ -109,7 +109,7 @@ def check_cluster(address: str | None, workers: int | None, memory: str) -> None
 
 @contextmanager
 def connect(address: str | None = None, *, workers: int | None = None, memory: str = "auto") -> Iterator[Cluster]:
-    """Connect to a cluster, or start a local one within the `with` block.
+    """Connect to a cluster, or start a local one, and provide it as a `Cluster` in the `with` block.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
 
 
 def _do(packed: bytes, tile: Tile) -> Any:
-    """Process a tile in a worker by the pickled function `packed`; errors lose their cause, so that pickling works."""
+    """Process a tile in a worker by the pickled function `packed`; a DeglintError loses its cause, to be picklable."""
     with environment():
         try:
             return _unpacked(packed)(tile)

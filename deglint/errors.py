@@ -13,7 +13,7 @@ class InputError(DeglintError, ValueError):
 
 
 class ReadError(DeglintError, OSError):
-    """A raster or vector file cannot be opened or read."""
+    """A file or address cannot be opened or read, or has changed while it was read."""
 
 
 class WriteError(DeglintError, OSError):
@@ -29,4 +29,4 @@ class FitError(DeglintError, ValueError):
 
 
 class NoWaterError(DeglintError, ValueError):
-    """The scene was read, but contains no usable water, or too few valid pixels."""
+    """The scene was read, but contains no usable water, no pixel to correct, or too few pixels for a fit."""

@@ -19,7 +19,7 @@ from .readers.undeclared import settled
 from .scene import Scene
 
 OF_FIT = "nir valid_fraction water_fraction looked_at_pixels glint_level r2 slopes suggested_method reason choice"
-"""Entries of the result of `examine` that are only known after a fit."""
+"""Entries of the result of `examine` that need pixels, a choice of bands or a fit; None until they are known."""
 
 
 @checked_keywords()

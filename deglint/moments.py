@@ -49,7 +49,7 @@ class Moments:
     minimum, maximum : (variables,) ndarray
         Smallest and largest value; +inf and -inf where n is 0.
     rest : (variables,) ndarray
-        Rounding error of `mean`, which is kept so that merging parts costs no precision.
+        Rounding error of `mean`, to be added to it; it is kept so that merging parts costs no precision.
     """
 
     n: int
@@ -94,7 +94,7 @@ class CellMoments(NamedTuple):
     def joined(self, levels: int) -> CellMoments:
         """In each row of cells, merge groups of 2**levels neighbouring cells, counted from the left edge of the scene.
 
-        Within a group, cells are merged in pairs. A group with one cell is copied. The result is in row-major order.
+        No cell may occur twice. In a group, cells are merged in pairs; a single one is copied. The result is row-major.
         """
         out = self.by_place()
         for level in range(1, levels + 1):  # a group of 2**level columns has at most two cells left

@@ -24,7 +24,7 @@ def axes(ax: Any, wanted_by: str) -> Any:
 
 
 def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
-    """Draw versions of one scene (`Scene` objects) side by side with the same stretch, on `axes(ax, wanted_by)`."""
+    """Draw versions of a scene (`Scene` objects) side by side with the same stretch; `ax` and result as in `axes`."""
     ax, first = axes(ax, wanted_by), scenes[0]
     bands = first.rgb(range(len(first.bands)))
     ax.imshow(np.hstack(natural_colour([thinned(s.source, first.shape, bands) for s in scenes])))
@@ -33,7 +33,7 @@ def drawn(scenes: Sequence[Any], ax: Any, wanted_by: str) -> Any:
 
 
 def thinned(source: Any, shape: tuple[int, int, int], bands: Sequence[int]) -> npt.NDArray[Any]:
-    """Read every n-th row and column, at most `LONGEST_PICTURE`, of 0-based bands; `shape` is (band, row, column)."""
+    """Every n-th row and column, at most `LONGEST_PICTURE`, of 0-based bands; `shape`, result: (band, row, column)."""
     _, height, width = shape
     step = max(1, -(-max(height, width) // LONGEST_PICTURE))
     side = step * max(1, AT_ONCE // step)

@@ -25,7 +25,7 @@ class SensorBand:
 
     name: str  # as the manufacturer calls it
     wavelength: float  # centre [nm]
-    width: float  # full width [nm]
+    width: float  # full width, or distance of the band edges, as the source has it [nm]
     aliases: tuple[str, ...] = ()  # other names of the band in files
     time_offset: float | None = None  # time of the band after the first band [s]
     time_status: str | None = None  # where `time_offset` comes from; None without an offset
@@ -43,7 +43,7 @@ class Optics:
     aperture: float | None = None  # diameter [m]
     focal_length: float | None = None  # [m]
     pixel_pitch: float | None = None  # distance between pixels of the multispectral detector [um]
-    f_number: float | None = None  # focal length over aperture
+    f_number: float | None = None  # focal length over aperture; computed from both if not stated
     status: str = UNVERIFIED  # where these values come from
 
 
@@ -56,7 +56,7 @@ class Sensor:
     bands: tuple[SensorBand, ...]  # in the order of the manufacturer's product
     ordered: bool = True  # False: the order of bands differs between products; they are matched by name or wavelength
     wavelength_status: str = UNVERIFIED  # where the wavelengths of the bands come from; same for widths, groups
-    width_status: str = UNVERIFIED
+    width_status: str = UNVERIFIED  # that of the wavelengths if not stated
     group_status: str = UNVERIFIED
     pixel: float | None = None  # nominal size of a pixel on the ground [m]; None for aircraft and drones
     optics: Optics | None = None

@@ -94,7 +94,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
     """Shape (rows, columns) of tiles for processing that needs a halo [pixel] and many copies of a tile in memory.
 
     `shape` is the usual shape of tiles, `block` the shape of the file's blocks. With its halo, a tile has at most about
-    `MOST_WITH_HALO` values in all bands. Within this limit it is wide, so that few pixels are read twice for the halo.
+    `MOST_WITH_HALO` values, unless bands are many. Within this limit it is wide, so that few pixels are read twice.
     """
     rows, half = _side(min(max(shape[0], COMPACT // 2), COMPACT), block[0], 1), COMPACT // 2
     wide = (MOST_WITH_HALO // ((rows + 2 * halo) * bands) - 2 * halo) // half * half
@@ -102,7 +102,7 @@ def compact(shape: tuple[int, int], block: tuple[int, int], bands: int, halo: in
 
 
 def _side(side: int, block: int, bands: int) -> int:
-    """Largest common multiple of `CELL` and `block` up to `side`; if none, the least; if that is too large, `side`."""
+    """Largest common multiple of `CELL` and `block` up to `side`; else the least one; if that is too large, `side`."""
     step = math.lcm(block, CELL)
     if step <= side:
         return side // step * step
@@ -185,7 +185,7 @@ def run(
 def by_rows(done: Iterator[tuple[Tile, Any]], combine: Callable[[list[Any]], T]) -> Iterator[T]:
     """Yield the combined results of each row of tiles; `done` yields (tile, result) in order, as `run` does.
 
-    `combine` gets the list of results of a row. Its calls do not depend on the number of threads or workers.
+    `combine` gets the list of results of a row. Its calls, and so its rounding, do not depend on threads or workers.
     """
     with closing(done):  # type: ignore[type-var]
         for _row0, row in groupby(done, key=lambda one: one[0].row0):

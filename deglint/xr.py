@@ -146,7 +146,7 @@ def apply(
 
 
 def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
-    """The correction without its scene, for tasks. The result has no mask, and each band keeps its own nodata."""
+    """The `Correction` without scene, which each tile's task adds. It makes no mask; each band keeps its own nodata."""
     info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
@@ -213,7 +213,7 @@ def remove(
 
 
 def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
-    """Call `work` on an array with one entry along `dimension`; on NoWaterError or FitError, log and return it."""
+    """Call `work` on an array of one entry of `dimension`; on NoWaterError or FitError, log it and return the array."""
     try:
         return work(array)
     except (NoWaterError, FitError) as error:
@@ -327,7 +327,7 @@ def _of_chunk(
 
 
 def _aligned(chunks: tuple[int, ...], step: int, least: int) -> tuple[int, ...]:
-    """Chunk sizes along an axis [pixel]; edges move up to multiples of `step`, and drop out if nearer than `least`."""
+    """Chunk sizes [pixel] of an axis. Edges move up to multiples of `step`; one within `least` of another drops out."""
     total, edges = sum(chunks), [0]
     for edge in np.cumsum(chunks[:-1]):
         moved = -(-int(edge) // step) * step

@@ -14,8 +14,8 @@ EPS = 2.220446049250313e-16  # relative spacing of float64 numbers
 
 @njit(nogil=True, cache=True)
 def window_sums(values, spare, step, width, out):  # type: ignore[no-untyped-def]
-    """Sum values[k + m * step], m < width, to out[k], not valid in the last (width - 1) * step. All (n,) change."""
-    done, span = 0, 1  # `values` holds sums of `span` = 1, 2, 4, ... terms
+    """Set out[k] to the sum of values[k + m * step] for 0 <= m < width; the last (width - 1) * step are not valid."""
+    done, span = 0, 1  # all arrays, (n,), are overwritten; `values` holds sums of `span` = 1, 2, 4, ... terms
     while True:
         if width & span:
             further = values[done * step :]
@@ -41,7 +41,7 @@ def ring_moments(x, inner, bar, out):  # type: ignore[no-untyped-def]
 
     x : (1 + bands, rows, columns); x[0] is 1 where a pixel is valid, else 0; x[1:] are the bands, 0 where not valid
     inner, bar : side of the guard, and width of the bars around it [pixel]
-    out : (pairs, rows, columns), one layer for each pair i, j, with `inner` + 2 `bar` - 1 rows and columns fewer than x
+    out : (pairs, rows, columns), in the order (0, 0), (1, 0), (1, 1), ...; `inner` + 2 `bar` - 1 fewer rows and columns
     """
     width, size = x.shape[2], x[0].size
     values, again, spare, level = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
@@ -77,7 +77,7 @@ def _judge(pivot, rest, ring, exact, scale, state):  # type: ignore[no-untyped-d
         explain. It is lost if it is at most `exact` (the relative rounding error) times the sum of squares of the band,
         and inexact if it is at most 1000 times as much
     rest : part of the pixel's deviation from the mean of its ring that earlier bands do not explain
-    ring : tuple: sum and mean of the band in the ring, sum of squares, pixels, deviation of the pixel from the mean
+    ring : tuple: sum and mean of the band in the ring, sum of squares, number of pixels, deviation of the pixel
     state : one of the states in `distances`: DEFICIENT if the pivot is lost and `rest` is only a rounding error, else
         ASIDE; ASIDE is never replaced
     """

@@ -66,7 +66,7 @@ class Background:
         return len(estimates.whitener(self.covariance))
 
     def numbers(self) -> dict[str, Any]:
-        """All fields and the rank, as numbers, strings and lists for JSON."""
+        """Version of the format ("background"), all fields and the rank, as numbers, strings and lists for JSON."""
         shown = ("names", "rule", "shrinkage", "n", "rank", "mean", "rest", "covariance")
         return {"background": 1} | {name: np.asarray(getattr(self, name)).tolist() for name in shown}
 
@@ -113,7 +113,7 @@ class Part:
 
     @classmethod
     def merge(cls, parts: Sequence[Self]) -> Self:
-        """Merge parts of a scene. Each row of cells becomes one cell, so merge the parts of each row of tiles first.
+        """Merge parts of a scene. Each row of cells becomes one cell, so merge whole rows of tiles at a time.
 
         If tiles start at multiples of `deglint.moments.CELL`, any tiling gives the same result to the bit.
         """
@@ -230,7 +230,7 @@ def check_range(values: Array) -> None:
 
 
 def as_image(image: Array) -> Array:
-    """Convert an image to an array. Raises InputError if it is not (band, row, column), of real numbers, or empty."""
+    """Convert an image to an array. Raises InputError if it is empty, or not (band, row, column) of real numbers."""
     image = np.asarray(image)
     if image.ndim != 3 or not image.size:
         raise InputError(f"expected a (band, row, column) array with at least one value, got shape {image.shape}.")

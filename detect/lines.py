@@ -20,7 +20,7 @@ from .covariance import ridged, whitener
 LINES = 64  # default time constant of the statistics [line]
 _FIRST = 4  # minimum number of pixels per band in the statistics, before a line is scored
 _OUT = 5.0  # squared distance per band above which pixels are excluded: 5e-4 of normal pixels with 4 bands
-_LINE_RIDGE = 1e-6  # fraction of each band's variance that is added to it: collinear bands can be inverted
+_LINE_RIDGE = 1e-6  # fraction of each band's variance that is added, as collinear bands have a singular covariance
 
 
 class LineScorer:

@@ -106,7 +106,7 @@ def local_rx(
     Raises
     ------
     InputError
-        A parameter or a value (+-1e150) is not allowed, the window is too large for the border rule, or shapes differ.
+        A parameter is not allowed, a value is beyond +-1e150, the window is too large for `border`, or shapes differ.
 
     Examples
     --------

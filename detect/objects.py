@@ -173,9 +173,9 @@ def label(mask: Mask) -> Int32:
 
 
 def to_geojson(objects: Sequence[Object], move: Move | None = None) -> dict[str, Any]:
-    """GeoJSON FeatureCollection (RFC 7946) of objects: outlines, and label, scores, size and position as properties.
+    """GeoJSON FeatureCollection (RFC 7946) of objects: outlines; properties label, scores, size, position, window.
 
-    `move` converts (column, row) corners to (longitude, latitude); without it, the coordinates are (column, row).
+    Corners are (column, row), or with `move` (longitude, latitude); the window is [column, row, width, height].
     """
     features = []
     for o in objects:

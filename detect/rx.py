@@ -29,8 +29,8 @@ from .arrays import Array, Float64, Mask, Scores
 from .background import RIDGE, Background, as_image, as_mask, fit
 from .covariance import TOLERANCE, whitener
 
-_CHUNK = 1024  # minimum number of pixels that are scored at a time: their whitened values stay in the cache
-_PRODUCTS = 1 << 18  # multiplications in one matrix product: OpenBLAS starts no threads for so few
+_CHUNK = 1024  # number of pixels that are scored at a time, up to 8 times as many for few bands: they fit in the cache
+_PRODUCTS = 1 << 18  # multiplications in one matrix product, for up to 16 bands: OpenBLAS starts no threads for so few
 _STRIP_PIXELS = 1 << 19  # number of pixels that a thread scores at a time
 _NEGLIGIBLE = {np.dtype(np.float32): 1e-12, np.dtype(np.float64): 1e-15}
 """Tolerated error of the mean [standard deviation], for each type of the scores."""
@@ -46,7 +46,7 @@ class Method:
 
     matrices: Callable[[Background, Float64, int, Sequence[int]], tuple[Float64, ...]] | None = None
     law: bool = False  # whether scores over a normal background follow F or chi-squared
-    invariant: bool = False  # whether an invertible affine map of the bands, such as a glint removal, changes no score
+    invariant: bool = False  # whether a removal that subtracts multiples of NIR bands in use changes no score
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def _fill(flat: Array, detector: Detector, out: Scores) -> None:
     matrix = detector.whiten if detector.linear is None else np.vstack([detector.whiten, detector.linear])
     rank, moved = len(detector.whiten), (matrix @ detector.rest)[:, None]
     shifted = bool(np.abs(moved).max(initial=0) > _NEGLIGIBLE[out.dtype])
-    # always the same width: at the end of a shorter matrix, BLAS may add in another order
+    # always the same width: at the end of a shorter matrix, BLAS may add in another order, and tiles would differ
     width = min(max(_PRODUCTS // max(matrix.size, 1), _CHUNK), 8 * _CHUNK)
     centred = np.zeros((len(flat), width))
     for start in range(0, len(out), width):
@@ -198,20 +198,19 @@ def rx(
     nodata : float, optional
         A pixel with this value in any band is not valid. NaN is never valid.
     covariance, ridge, threads : str, float, int
-        As in `detect.background.fit`.
+        As in `detect.background.fit`; `covariance` and `ridge` are ignored if `background` is a Background.
 
     Returns
     -------
     (row, column) ndarray
         float64 for a float64 image, else float32; NaN where not valid. For a normal background of many pixels the
-        scores follow chi-squared with as many degrees of freedom as there are bands.
+        scores follow chi-squared with as many degrees of freedom as there are independent bands.
 
     Raises
     ------
-    FitError
-        As in `detect.background.fit`; also if no band of the background varies.
-    InputError
-        As in `detect.background.fit`; also if image and background differ in the number of bands.
+    InputError, FitError
+        As in `detect.background.fit`; also InputError if image and background differ in the number of bands, and
+        FitError if no band of the background varies.
 
     Examples
     --------
@@ -258,13 +257,13 @@ def residual_rx(
     Parameters
     ----------
     nir : sequence of int
-        0-based reference bands. The score is RX of all bands minus RX of these: anomalies only in these do not count.
+        0-based reference bands. The score is RX of all bands minus RX of these: low where these predict the others.
     """
     return _run("residual", image, background, mask, nir=nir)
 
 
 def _run(method: str, image: Array, background: Background | Mask | None, mask: Mask | None, **options: Any) -> Scores:
-    """Score an image with a method; fit the background if none is given. `options` are of `fit` and `detector`."""
+    """Score an image with a method; fit the background if none is given. `options`: for `fit` or `detector`."""
     fitting = {name: options.pop(name) for name in ("covariance", "ridge", "threads") if name in options}
     hidden = np.ma.getmask(image)
     image = as_image(image)

@@ -98,12 +98,12 @@ class Threshold:
     pfa_requested : float
         Requested false-alarm rate per background pixel; for "peaks" the observed rate.
     pfa_observed : float or None
-        Observed rate: fraction of the scores (targets included) greater than `value`; None where it is not known.
+        Observed rate: fraction of the scores greater than `value`; None where it is not known. Scores of targets count,
+        too; only a threshold of a `Clutter` leaves out the scores of confirmed objects.
     n : int
-        Number of scores; for "f" the number of pixels from which mean and covariance result; 0 for "chi2".
+        Number of scores; for "f" the number of pixels from which mean and covariance are computed; 0 for "chi2".
     standard_error : float or None
-        Standard error of `value` for independent scores ("gpd" only). Neighbouring pixels are correlated, so it is a
-        lower bound.
+        Standard error of `value` ("gpd" only) for independent scores: too low, as neighbouring pixels are correlated.
     numbers : mapping
         Parameters and quality of the fit ("gpd" only), by name.
     notes : tuple of str

@@ -36,7 +36,7 @@ def fit(
     nodata: float | str | None = None,
     threads: int | None = None,
 ) -> Background:
-    """Fit the background of a DataArray now; a lazy array is read once, by chunks. Parameters are as in `score`."""
+    """Fit the background of a DataArray now; lazy chunks may be computed repeatedly. Parameters are as in `score`."""
     recipe = _recipe(recipe)
     if recipe.kind.matrices is None:
         raise InputError(f"{recipe.method} has a background for every pixel: there is none to fit.")
@@ -65,9 +65,9 @@ def score(
     recipe : Recipe or str
         Options of the detection, or the name of a method, not "lines"; options of thresholds and objects are ignored.
     background : Background, optional
-        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, no
-        pixel of a lazy array is looked at now, except for the mask "water": declare its nodata, or pass `nodata`. Not
-        for "sea" and "local", which have a background of their own for every pixel; "auto" selects "rx".
+        A background fitted earlier, to this scene or another; by default, one is fitted to this array now. With it, a
+        lazy array is not read now (unless for the mask "water"), nor searched for nodata: declare it, or pass `nodata`.
+        Not for "sea" and "local", which have a background of their own for every pixel; "auto" selects "rx".
 
     Returns
     -------

@@ -27,7 +27,7 @@ class Candidate:
 def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]:
     """Candidate recipes for a scene with the properties `setting`, simplest first.
 
-    `width` is the width of the smallest object to keep [pixel], and `clump` that of a clump of glint [pixel].
+    `width` [pixel] is that of the smallest object to keep (below 2.5: no openings), `clump` [pixel] that of a clump.
     """
     found = [Candidate("copy", "copy"), Candidate("wiener", "wiener")]
     targets = "targets, " if setting.delayed else ""
@@ -42,7 +42,8 @@ def candidates(setting: Setting, *, width: float, clump: int) -> list[Candidate]
 def windows(width: float, clump: int) -> list[int]:
     """Sides of the windows of morphological openings to try, odd; these and the arguments are in [pixel].
 
-    The first, clipped to 5..13, preserves objects of `width`; a smaller one that removes clumps of `clump` may follow.
+    The first is the largest that preserves objects of `width`, clipped to 5..13. If windows that are at least 4 smaller
+    remove clumps of the width `clump`, the second is the smallest of these.
 
     Examples
     --------

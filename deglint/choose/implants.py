@@ -23,7 +23,7 @@ pixel to the length of swell."""
 DEPTH = 3.0  # depth of textures and discs [m]: they are weak in the red and invisible in the NIR
 TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water, relative to the water: standard deviation of textures, bright discs, dark discs; and
-brightness of white targets in every band, relative to the brightest band. All are clearly visible without glint."""
+brightness of white targets in every band, relative to water in its brightest band. All are visible without glint."""
 SEED = 1  # seed of the random generator: the same tiles always get the same signals
 CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
 
@@ -118,7 +118,7 @@ def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Gene
 def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
     """Contrast (row, column) of discs of a `width` [pixel], half of them bright and half dark; 0 elsewhere.
 
-    The centres are about four widths apart, or 16 pixels if that is more, from the first row and column of `inside`.
+    The centres are about four widths apart, at least 16 pixels, on a grid from the first row and column of `inside` on.
     """
     import cv2
 

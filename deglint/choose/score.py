@@ -65,8 +65,7 @@ def powers(
     images, inside : for each tile, image (band, row, column), and mask (row, column) of the pixels to use
     unit : (band,) divisor of each band [unit of the band]; infinite for bands that are not evaluated
     clear : per tile, mask (band, scale, row, column) for all scales but the last (`least_glint`); default: `inside`
-    partner_of : bands to use, and the band whose texture multiplies that of each (see `partners`); default: all bands
-        that are evaluated, each with itself
+    partner_of : band whose texture multiplies that of each band (`partners`); default: itself, for all evaluated bands
     """
     partner_of = partner_of or {int(b): int(b) for b in np.flatnonzero(np.isfinite(unit))}
     total, pixels = np.zeros(len(SCALES)), np.zeros(len(SCALES))
@@ -94,10 +93,10 @@ def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Flo
 
 
 def partners(setting: Setting, unit: Float32) -> dict[int, int]:
-    """For each evaluated band the band nearest in wavelength of those with other sparkle, taken 0.1 s (`LASTS`) apart.
+    """For each evaluated band, its partner: the nearest in wavelength of those taken 0.1 s (`LASTS`) or more apart.
 
-    Both show the same water, but sparkle and noise of their own. Bands without such a partner are left out. The result
-    is empty if the times of the bands are not known. `unit` is as in `powers`.
+    Both show the same water, but each has its own sparkle and noise. Bands without such a partner are left out. The
+    result is empty if the times of the bands are not known. `unit` is as in `powers`.
     """
     judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
     found: dict[int, int] = {}

@@ -54,7 +54,7 @@ class Trial:
 
     @property
     def signals(self) -> Float64:
-        """Share of the implanted textures that is preserved, (scale,) for `SCALES`; at the coarsest scale of plumes."""
+        """Share preserved of the implanted textures, (scale,) for `SCALES`; at the coarsest scale, of the plumes."""
         return np.array([*(v for k, v in self.gains.items() if k.startswith("texture")), self.gains["plumes"]])
 
     @property
@@ -135,7 +135,7 @@ def choose(
     fine: bool = False,
     each: Callable[..., Iterable[Any]] = map,
 ) -> Choice:
-    """Try candidate recipes on sample tiles, and choose by `_best`; "wiener" if pixels are too few or values too large.
+    """Try candidate recipes on sample tiles, and choose the simplest of those with nearly the least expected error.
 
     Parameters
     ----------
@@ -157,6 +157,7 @@ def choose(
     Returns
     -------
     Choice
+        Copy if no candidate is much better (`WORTH_REMOVING`); "wiener" if pixels are too few or values too large.
     """
     wiener = Candidate("wiener", "wiener")
     if _too_small(sample):
@@ -194,7 +195,7 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """Simplest of equally good trials, or copy if none is much better. Openings' errors count more unless `delayed`."""
+    """Simplest of equally good trials; copy if none is much better. `REPLACING` applies unless bands are `delayed`."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]
@@ -358,5 +359,5 @@ def _levels(sample: Sample, bands: int) -> Float32:
     values = [sample.values([s.image[b] for s in sample.states]) for b in range(bands)]
     noises = [noise([s.image[b] for s in sample.states], sample.inside) for b in range(bands)]
     dark = np.array([np.percentile(v, WATER_PERCENTILE) for v in values])
-    offset = dark < -3 * np.array(noises)  # subtracted from the band: its brightness is not known
+    offset = dark < -3 * np.array(noises)  # subtracted: the brightness, not known, is taken from the darkest other band
     return np.maximum(np.where(offset, min(dark[~offset], default=0.0), dark), noises).astype(np.float32)

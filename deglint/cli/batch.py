@@ -121,7 +121,6 @@ def summary(found: list[Any]) -> list[str]:
 
 def total_size(paths: Iterable[Sequence[str]], options: Mapping[str, Any]) -> str:
     """Text for a dry run: size of the pixels of all scenes before compression, according to the headers of the files.
-
     `paths` has the file names of each scene; `options` are keyword arguments of `open_scene`.
     """
     from ..errors import DeglintError

@@ -51,7 +51,7 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set a mission's time: for `over_time`, when the sun is highest in the sweep; for `page`, if none, next daylight.
+    """Set a mission's time: for `over_time`, the highest sun of the sweep; for `page`, if not given, the next daylight.
 
     Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
     """

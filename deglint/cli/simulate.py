@@ -32,7 +32,7 @@ def _depths(text: str) -> tuple[float, float]:
 
 
 def _boat(text: str) -> tuple[float, ...]:
-    """Parse "RIGHT,DOWN,SPEED@HEADING": position from the upper left [m], speed [m/s], heading [degree] of a boat."""
+    """Parse "RIGHT,DOWN,SPEED[@HEADING]" of a boat: place from the upper left [m], speed [m/s], heading [degree]."""
     place, _, heading = text.partition("@")
     right, down, speed = (float(part) for part in place.split(","))
     return right, down, speed, float(heading or 0.0)

@@ -36,11 +36,11 @@ RARE_SPARKLE = 0.99
 """Quantile of the outline detail of the NIR bands, which is sparkle. `ABOVE` times this quantile is the limit from
 which outline detail is used. About one clump in ten windows exceeds the quantile."""
 ABOVE = 1.5
-"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to errors at 9 m/s; with 4, faint discs go."""
+"""The limit as a multiple of that quantile. With 1, sparkle adds 10 % to errors at 9 m/s; 4 removes faint discs."""
 COVER_K = 3.0  # standard deviations of noise by which a glint pixel exceeds the background (0.1 % do so by chance)
 HALF_NORMAL = 0.399  # mean of max(-n, 0) for normal noise n [standard deviation]
 RAISED = 4.0
-"""Pixels with a raised background (faint glint, or glint in all of the window) per pixel with certain glint."""
+"""Pixels whose background is too bright (glint is faint or fills the window), per glint pixel of `Background.cover`."""
 CLEAR_PERCENT = 10.0
 """Share of the pixels that count as those with the least glint [%]: few, so that glint is weak even where it is dense;
 enough (thousands of a sample) that the median of their noise is known to a few percent of its standard deviation."""
@@ -114,10 +114,10 @@ def shared(details: Float32, order: tuple[int, ...]) -> Float32:
 def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray[np.bool_]:
     """Mask, (band, pixel), of the pixels with the least glint according to another band.
 
-    The other band is the one in which water is darkest relative to glint (most often the NIR), of those with the same
-    sparkle, or else the next in time. In the band itself, the darkest pixels are those with the lowest noise; in bands
-    that show the water, too, they are its darkest parts. Not for bands of one instant or with ringing: the errors that
-    resampling and compression leave beside glint would be the same in the other band.
+    The other band is the one in which water is darkest relative to glint (most often the NIR), of those taken within
+    `LASTS`, which have the same sparkle, or else of the next in time. The darkest pixels of the band itself would be
+    those with the lowest noise, or dark parts of the water. Not for bands of one instant or with ringing: the errors
+    that resampling and compression leave beside glint would be the same in the other band.
 
     excess : bands minus their openings, (band, pixel)
     water : level of the water in each band, (band,), in a unit in which glint is the same in all bands
@@ -165,11 +165,11 @@ class Background:
     size: int  # width of the window [pixel]
     order: tuple[int, ...]  # 0-based bands in order of time
     colour: tuple[float, ...]  # unit of glint: its spectrum, scaled so that colour / noise has a median of 1
-    offsets: tuple[float, ...]  # difference between each band without glint and its opening
+    offsets: tuple[float, ...]  # each band without glint minus its opening [unit of the image]
     sigmas: tuple[float, ...]  # standard deviation of the noise of each band [unit of the image]
     cover: float  # fraction of glint pixels in the sample, 0..1; median of the bands
-    limit: float | None  # outline detail is used where two bands exceed this [`colour`]; None: never
-    caps: tuple[float, ...] = ()  # with ringing: largest value of water in each band
+    limit: float | None  # outline detail is used where two bands exceed this [unit of `colour`]; None: never
+    caps: tuple[float, ...] = ()  # with ringing: largest value of water in each band [unit of the image]; else empty
     reach: int = 0  # radius of the widest PSF [pixel]
     cut: tuple[float, ...] = ()  # decrease of each band's mean where noise is replaced [scene's unit]
 
@@ -185,8 +185,8 @@ class Background:
         return self.size + 1 + grown + (PIT_SIDE // 2 if self.caps else self.reach)
 
     def opened(self, state: State) -> tuple[Float32, Float32]:
-        """The bands to open, and their openings by a square, (band, row, column) each. They are the image or, after a
-        stage `psf`, the deconvolved image; with `caps`, the image with each pixel at least the mean `around` it.
+        """The bands to open and their openings by a square, (band, row, column) each. The bands are the image or, after
+        a stage `psf`, its deconvolution; with `caps`, the image, where each pixel is at least the mean `around` it.
         """
         source = state.image if state.sharp is None else state.sharp
         if self.caps:
@@ -200,7 +200,7 @@ class Background:
         return shared(found, self.order)
 
     def level(self, state: State) -> Float32:
-        """Background (band, row, column) without offsets: openings plus outline detail, blurred if of `State.sharp`."""
+        """Background (band, row, column) without offsets: openings plus outline detail, blurred if of sharper bands."""
         import cv2
 
         source, level = self.opened(state)
@@ -227,12 +227,12 @@ class Background:
 
 
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> Background:
-    """Fit the stage to a sample of a scene. `number` is the width of the window [pixel], odd, 13 by default.
-    `setting` has the properties of the scene. Raises FitError if the sample is too small.
+    """Fit the stage to a sample of the scene that `setting` describes. Raises FitError if the sample is too small.
+    `number`: width of the window, odd [pixel], 13 by default. Outline detail needs 7 or more, times, NIR, 3 bands.
     """
     size, states = int(number or OPENING_WINDOW), sample.states
     bands = range(len(setting.bands))
-    sample.values([s.image[0] for s in states])  # refuses what is too small
+    sample.values([s.image[0] for s in states])  # raises FitError if too small
     sigma = np.array([noise([s.image[b] for s in states], sample.inside) for b in bands])
     unit = np.float32(1) if states[0].unit is None else states[0].unit
     colour = setting.colour / unit

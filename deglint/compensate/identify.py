@@ -13,7 +13,7 @@ K = 5.0  # standard deviations above the median, as in Fink (2014), section 6.3
 
 @dataclass(frozen=True)
 class IdentifyMedian:
-    """The fitted stage `identify-median`: pixels above a threshold are glint, including bright objects and shoals."""
+    """The fitted stage `identify-median`: pixels above a threshold are marked, also bright objects and shoals."""
 
     name: ClassVar[str] = "identify-median"
     halo: ClassVar[int] = 0
@@ -27,7 +27,7 @@ class IdentifyMedian:
 def fit(sample: Sample, setting: Setting, number: float | None = None) -> IdentifyMedian:
     """Compute thresholds from a sample; `number` is the number of standard deviations above the median, 5 by default.
     The standard deviation is estimated from the values x below the median m, as glint only adds light: ``1.4826
-    median(m - x | x <= m)`` (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408). It is at least the standard
+    median(m - x)``, x <= m (Rousseeuw, Croux 1993, doi:10.1080/01621459.1993.10476408). It is at least the standard
     deviation of noise. A threshold is at most the saturation value, from `setting` or the sample. The method fails
     where glint covers half of the pixels, as the median is then glint. Raises FitError if the sample is too small.
     """
@@ -40,5 +40,5 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Identi
         values = sample.values(planes)
         middle = np.float32(np.median(values))
         about = max(spread(values[values <= middle] - middle), noise(planes, sample.inside))
-        found.append(min(float(middle) + k * about, float(full[b])))  # saturated pixels exceed it
+        found.append(min(float(middle) + k * about, float(full[b])))  # so that saturated pixels are glint
     return IdentifyMedian(tuple(found))

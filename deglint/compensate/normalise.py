@@ -30,7 +30,7 @@ class Normalise:
 
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
-    """Median of `values` (pixel,) and False; or mode and True, if the share of glint pixels exceeds `most_cover`."""
+    """Median of `values` (pixel,) and False; or mode and True, if the share of glint exceeds `most_cover` (0..1)."""
     from ..remove.levels import mode
 
     middle = float(np.median(values))
@@ -46,7 +46,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Normal
 
     If more than `number` percent of the pixels are glint, the mode is used instead; by default it is never used. With
     glint, the median is too high, so that the normalised band is too low. This partly compensates for the glint in a
-    band whose values replace those of another band. Raises FitError if the sample is small, or a level not positive.
+    band whose values replace those of another band. Raises FitError if the sample is too small or a level is not > 0.
 
     References
     ----------

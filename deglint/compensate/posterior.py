@@ -52,7 +52,7 @@ pixels, and for the posterior mean also pits, which are zero or negative in a co
 PIT_REACH, DEEP = 3, 10.0
 """Resampling digs pits beside glint: the kernels of cubic and Lanczos interpolation have negative lobes up to
 `PIT_REACH` pixels away, a tenth of the glint deep. They exceed noise beside glint of `DEEP` standard deviations."""
-AS_DARK = 1.0  # water that is darker than this many standard deviations of noise is often zero without pits
+AS_DARK = 1.0  # darker water (in standard deviations of noise) is often zero without pits, so none are sought
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 
 def clump_width(sample: Sample, band: int) -> int:
-    """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation falls to 1/2."""
+    """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation is 1/2, or 64."""
     import cv2
     import scipy.fft
 

@@ -59,7 +59,7 @@ class Sharpen:
     name: ClassVar[str] = "psf"
     psfs: tuple[PSF, ...]  # PSF of each band
     iterations: int
-    floors: tuple[float, ...]  # lower limit of the values of each band
+    floors: tuple[float, ...]  # lower limit of the values of each band [unit of the image]
 
     @classmethod
     def fit(cls, sample: Sample, setting: Setting, number: float | None = None) -> Self:

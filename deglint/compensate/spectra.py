@@ -40,7 +40,7 @@ TEXTURE_DEVIATION, HIDDEN_CONTRAST = 0.05, 0.5
 
 UNEXPLAINED, LIKELIER, CHANGING = 5.0, 0.7, 0.2
 """`UNEXPLAINED`: log likelihood ratio (odds of 150 to 1) from which a pixel is no changing sparkle. For such pixels the
-mean log likelihood ratio of flash and target, within +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
+mean log likelihood ratio of flash and target, clipped to +- `UNEXPLAINED`, exceeds `LIKELIER` where flashes last: it is
 -0.4 to 0.3 for boats, swimmers and whitecaps. The ratio with white targets included must exceed `CHANGING`."""
 BLUR, VARIED = 0.012, 0.15
 """Share of the power of 3 x 3 pixels that is not the product of one outline and one spectrum: for a point target, whose
@@ -104,9 +104,8 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """Models of targets, one for each brightness 2**n with n = 0 to 16, in units of the radiance of a white target.
-    Arguments, (band,) each: centres and full widths of the bands [nm]; radiance of water and standard deviation `s` of
-    noise, both divided by the radiance of a white target (`Targets.light`).
+    """Models of targets, one for each brightness 2**n with n = 0 to 16 [`Targets.light`]. Arguments, (band,) each:
+    centres and full widths of bands [nm]; radiance of water and standard deviation `s` of noise, over `Targets.light`.
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))
@@ -173,7 +172,7 @@ def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
 
 
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast of targets (band, pixel), at least 0; `e`, `of_targets` as in `target_likelihoods`, `kind` from it."""
+    """Contrast of targets (band, pixel), at least 0 [unit of `e`]; arguments, and `kind`, from `target_likelihoods`."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)

@@ -94,7 +94,7 @@ class Chain:
 
     @property
     def halo(self) -> int:
-        """Margin around a block that the chain needs [pixel]."""
+        """Margin around a block that the stages need [pixel]; the removal needs `GlintModel.halo` in addition."""
         return sum(stage.halo for stage in (*self.before, *self.after))
 
     def numbers(self) -> dict[str, Any]:

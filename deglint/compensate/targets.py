@@ -8,8 +8,8 @@ The columns of F_k are a spectrum with probability w_k (smooth, or with one or t
 is the power of 2 nearest to the largest excess. V_k is the variance of noise, of texture of the water (a bottom) and of
 the non-smooth part of the spectrum; h is the standard deviation of the water that a target hides. Sparkle changes from
 band to band, with probabilities p from histograms of the scene; where flashes last, p includes slowly changing ones. A
-pixel belongs to a target if the sum of S over 3 x 3 pixels, plus the log likelihood ratio of a common outline in all
-bands, exceeds a threshold. The threshold follows from a false-alarm rate, and is higher where sparkle lasts.
+pixel with S > 0 belongs to a target if, in it or a neighbour, the sum of S over 3 x 3 pixels plus the log likelihood
+ratio of a common outline exceeds a threshold, which follows from a false-alarm rate; it is higher where sparkle lasts.
 
 Without band delays there is no test: the spectrum of sparkle is as smooth as that of paint. The test fails for targets
 that move by more than a quarter of their width from the first to the last band, for most coloured targets of 1 pixel
@@ -197,10 +197,10 @@ class Excess:
         return grown(full, 3)
 
     def scores(self) -> tuple[Float32, Float32, Kinds]:
-        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, and index of the likeliest of the
-        target spectra, (row, column) each. They are computed at `peaks` and around them, and are 0 elsewhere. S is 0
-        where it is at most `LONE`, fewer than three bands are lit, or pixels are `saturated`. The score is the sum of S
-        over 3 x 3 pixels; where it exceeds ln(1 / `RATE`), the log likelihood ratio of a common `outline` is added.
+        """S (log likelihood ratio of target and sparkle), score of 3 x 3 pixels, likeliest target spectrum (its index),
+        (row, column) each. They are computed at and around `peaks`, and 0 elsewhere. S is 0 where it is at most `LONE`,
+        fewer than three bands (if `afloat`, none with dark water) are lit, or pixels are `saturated`. The score is the
+        sum of S over 3 x 3 pixels; above ln(1 / `RATE`), the log likelihood ratio of a common `outline` is added.
         """
         shape, least = self.raw[0].shape, EXCEEDS * np.array(self.stage.noise, np.float32)[:, None]
         S, known, kind = np.zeros(shape, np.float32), self.saturated(), np.zeros(shape, np.uint8)
@@ -232,7 +232,7 @@ class Excess:
         return spectra.same_outline(np.stack([self.at(r * width + c).T for r in row for c in column], axis=1))
 
     def restored(self, S: Float32, T: Float32, kind: Kinds) -> tuple[Places, Float32]:
-        """Flat indices of pixels and contrast to restore there, (band, pixel); the arguments are results of `scores`.
+        """Flat indices of pixels; contrast to restore, (band, pixel) [unit of the band]; arguments as `scores` returns.
         Up to two pixels beside a target, it is the contrast of the nearest pixel of the target times a factor, 0 to 1:
         the second lowest, of all bands, of the ratios of excess to contrast. On a target, the contrast is at most the
         excess plus 3 times the noise.
@@ -321,15 +321,15 @@ def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets
 
 
 def found_share(stage: Targets, blocks: Sequence[Excess], sample: Sample) -> float:
-    """Share of the pixels of the sample in which `stage` finds targets, also those not lit in bands with dark water."""
+    """Share of the sample's pixels in or beside which a score exceeds `stage.threshold`, if `afloat` is False."""
     scores = (replace(x, stage=stage, afloat=False).scores()[1] for x in blocks)
     return float(sample.values([grown(stage.threshold < T, 3).astype(np.float32) for T in scores]).mean())
 
 
 def with_texture(stage: Targets, e: Float32) -> Targets:
-    """The stage with a `noise` that includes texture of the water, such as a bottom; `e`: excess (band, pixel).
-    It is the deviation of the darker half of the pixels that are not lit in bands with dark water, less that of glint,
-    which has its own spectrum and at most the deviation of the least varying band with dark water.
+    """The stage with a `noise` that includes texture of the water, such as a bottom; `e` (band, pixel), over `light`.
+    Its square is the variance of the darker half of the pixels that are not lit in bands with dark water, minus that of
+    glint, with the spectrum of glint and at most the variance of any band with dark water; `noise` never decreases.
     """
     s, glint, dark = np.array(stage.noise), np.array(stage.glint), stage.dark
     quiet = e[:, (e[dark] < EXCEEDS * s[dark, None]).all(axis=0)]

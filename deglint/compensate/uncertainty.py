@@ -28,11 +28,9 @@ from .posterior import Posterior
 from .state import FEWEST, Float32, Sample, Setting, State
 
 SPAN = 7  # side of the window for the local range of a background [pixel]: errors occur at edges
-
 LEAST_R2 = 0.25
 """Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
 mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
-
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 

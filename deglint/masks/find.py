@@ -46,12 +46,12 @@ WHITE_RED, WHITE_NIR = (0.7, 1.1), (0.4, 0.8)
 """Range of red over green, and of NIR over green, of white where the bands are radiances."""
 LEAST_BODY = 25  # fewest pixels of water, in squares of 5 x 5 [pixel]: smaller areas are shadows or dark roofs
 CLUMP, SQUARE, LEAST_SQUARES, ORDINARY = 3, 64, 4, 75
-"""Sides of a clump of glint and of a square of sea [pixel]. The brightest clump of each square is searched; of these,
-the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` squares are needed."""
+"""Sides of a clump of glint and of a square of sea [pixel]. In each square the brightest clump is found; of their
+NIR, the `ORDINARY`-th percentile is used, as the brightest may be boats. At least `LEAST_SQUARES` are needed."""
 CORE, OF_CLUMP = 7, 0.3
-"""Boats and narrow land are brighter than this clump all over a larger square. Its side is the smallest, from `CORE`
-pixels to half the width of a patch of glint, with which the brightest square of glint is at most `OF_CLUMP` times as
-bright as the clump. A second square is for pixels with more NIR than visible, which are rare in glint."""
+"""Boats and narrow land are brighter than the clump (see `CLUMP`) all over a larger square. Its side is the smallest,
+from `CORE` pixels to half the width of a patch of glint, with which the brightest square of glint exceeds the water by
+at most `OF_CLUMP` times as much as the clump. A second square is for pixels with NIR above visible, rare in glint."""
 AFLOAT = 2.0
 """Boats and narrow land exceed the NIR of water by at least this multiple of its difference between visible and NIR:
 turbid plumes do not, where there is no glint to compare with."""
@@ -59,7 +59,7 @@ COMPACTNESS = 0.7
 """Least share of brown water in squares of 5 x 5 pixels: a town, of the same colour in radiance, is less compact."""
 SATURATED = 1e-3
 """The highest NIR is saturated if at least this share of the pixels has it, and if it exceeds the NIR of dark water by
-more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values."""
+more than visible and NIR differ: in images of 8 bits, the NIR of calm water has few values, all frequent."""
 BEYOND = 1.4
 """Upper end of the search for the gap between water and land, in multiples of the distance from the median NIR of water
 to the NIR at which water and other colours are equally frequent."""
@@ -152,7 +152,7 @@ def _fit(
 
 
 def _with_cores(view: _View, rule: WaterRule, widest: int) -> WaterRule:
-    """The rule with sides and NIR limits of squares for boats (see `CORE`); unchanged if sea or `widest` is small."""
+    """The rule with squares and NIR limits for boats (`CORE`); unchanged if the sea or the window `widest` is small."""
     solid = view.brighter(rule.threshold, rule.window)
     level, plume = rule.nir_level, AFLOAT * abs(rule.contrast)
     sides = [w for w in WINDOWS if CORE <= w <= widest and (w == CORE or 2 * w <= widest + 1)]
@@ -256,7 +256,7 @@ class _View:
         return float(np.percentile(tops, ORDINARY)) if len(tops) >= LEAST_SQUARES else np.inf
 
     def isolated(self, threshold: float, window: int, widest: int, votes: Sequence[Votes] | None) -> list[list[Mask]]:
-        """Two lists of masks (row, column), one per block: isolated bright pixels on sea far from land; all this sea.
+        """Isolated bright pixels on sea far from land, and all this sea: two lists, of a mask (row, column) per block.
 
         Bright pixels are those that `brighter` marks with squares of side `window`, except pixels that vote against
         water (if `votes` are given). `brighter` with squares of side `widest` marks land; far is over `widest` pixels.
@@ -269,7 +269,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels may be boats: there is land, and squares of sea are few or often lack such pixels."""
+        """Whether `bright` pixels on `sea`, results of `isolated`, may be boats, not glint (see `EVERYWHERE`)."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)
@@ -383,8 +383,8 @@ def _at_valley(nir: FloatArray, last: int) -> int:
 def _log_density(values: FloatArray, low: float, high: float) -> tuple[Float64, Float64]:
     """Logarithm of a smoothed histogram, (bin,), of sorted `values` from `low` to `high`; and the edges of its bins."""
     between = values[np.searchsorted(values, low) : np.searchsorted(values, high, "right")]
-    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more than there are numbers
-    counts, edges = np.histogram(between.astype(np.float64) - low, bins, (0.0, high - low))  # narrower than float32
+    bins = min(GAP_BINS, 1 + int(np.count_nonzero(np.diff(between))))  # no more bins than values that differ
+    counts, edges = np.histogram(between.astype(np.float64) - low, bins, (0.0, high - low))  # float32 may be too coarse
     kernel = np.exp(-0.5 * (np.arange(-4, 5) / (2 * bins / GAP_BINS)) ** 2)
     return np.log(np.convolve(np.pad(counts, 4, "edge"), kernel / kernel.sum(), "valid") + 0.5), edges + low
 

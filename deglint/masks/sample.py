@@ -22,8 +22,8 @@ SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
 """Shares of the dark, even water, taken from the strongest glint; the first that gives `ENOUGH` pixels is used."""
 MAX_RESIDUAL = 3.0
 """Upper limit of the local visible variance that the NIR does not explain, as a multiple of its typical value."""
-BIMODAL = 0.8  # Otsu's separability from which on there are two kinds of water (a normal distribution has 0.64)
-MANY = 50_000  # most squares used for the limits; they overlap, so more squares add no information
+BIMODAL = 0.8  # from this separability (see `_otsu`) on there are two kinds of water (a normal distribution has 0.64)
+MANY = 50_000  # most squares, one around each pixel, used for the limits; as they overlap, more add no information
 SHORE = 9
 """A pixel must lie in a square of water of this side, so that shores, ships and mixed pixels are excluded [pixel]."""
 CLEANING = 7  # window of the morphological opening that makes the sample compact [pixel]
@@ -46,8 +46,8 @@ class SampleRule:
     distance: int = 0  # from everything that is not water [pixel]
     slope: float = 0.0  # of the visible sum against the NIR, to subtract glint from local means [grain/grain]
     level: float = np.inf  # upper limit of the local mean of the visible sum, glint subtracted [grain]
-    residual: float = np.inf  # typical local variance that the NIR does not explain [grain^2]
-    variance: float = 1.0  # typical variance of the NIR [grain^2]
+    residual: float = np.inf  # typical local variance of the visible sum that the NIR does not explain [grain^2]
+    variance: float = 1.0  # typical local variance of the NIR [grain^2]
     least_variance: float = 0.0  # lower limit of the local NIR variance [grain^2]
     r_squared: float = np.nan  # share of the local visible variance in the sample that the NIR explains, 0..1
     glint: float = np.nan  # local standard deviation of the NIR in the sample [unit of the NIR]
@@ -99,12 +99,12 @@ def away_from_shore(mask: Mask) -> Mask:
 def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
-    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all but water, and if the
-    square of 15 x 15 pixels around it is (2) dark: while the visible means of squares form two clear classes, Otsu's
+    A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all that is not water, and
+    the square of 15 x 15 pixels around it is (2) dark: while visible means of squares form two clear classes, Otsu's
     threshold excludes the brighter class; glint is then subtracted, the same is done again, and the brighter half is
     excluded; (3) even: the variance of the visible bands that the NIR does not explain is not unusually large; (4) in
-    the quarter of squares with the largest NIR variance (strongest glint), or in half or all if these are too few. Last
-    is an opening (`CLEANING`). Strong glint is preferred because noise in the NIR decreases fitted slopes by the factor
+    the quarter of squares with the largest NIR variance (strongest glint), or in half or all if these are too few. Then
+    the mask is opened (`CLEANING`). Strong glint is preferred, as noise in the NIR reduces fitted slopes by the factor
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
@@ -165,7 +165,7 @@ def _middle_and_range(values: FloatArray) -> tuple[float, float]:
 
 
 def _quantisation(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
-    """A rule with 1024 grains from the 5th to 95th percentile of water (`masks`); FitError if the NIR is constant."""
+    """A rule in which the 5th to 95th percentile of water (`masks`) is 1024 grains; FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
         return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
@@ -212,8 +212,8 @@ def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
 def _choose_distance(
     looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
-    """Set in `sample` the distance of its pixels from all but water: the first of `DISTANCES` [pixel] that leaves at
-    least `ENOUGH` pixels, else the last. Also return the statistics of these pixels. Raises FitError if there are none.
+    """Set the distance of the sample from all that is not water: the first of `DISTANCES` [pixel] that leaves at least
+    `ENOUGH` pixels, else the last. Also return the statistics of these pixels. Raises FitError if there are none.
     """
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
     for distance in DISTANCES:

@@ -33,9 +33,9 @@ class WaterRule:
     """How water is distinguished from other surfaces, as plain numbers.
 
     A square of side `window` is not water if all its pixels have NIR above `threshold`. The side is 1 for coarse pixels
-    and larger where glint is resolved into bright patches. Boats and narrow land are not water either: they are too
-    bright for glint of their size (NIR above `bright` all over a smaller square of side `core`), or do not have the
-    colour of glint (NIR above `red` and above the first visible band all over a square of side `red_core`).
+    and larger where glint is resolved into bright patches. Boats and narrow land are not water either: in a square they
+    are too bright for glint of its size (NIR above `bright`, side `core`) or of another colour (NIR above `red` and the
+    first visible band, side `red_core`). Such pixels connected to the square, up to half its side away, belong to it.
     """
 
     roles: Roles
@@ -112,7 +112,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
-    """Mask (row, column), True in squares too bright for glint, or of another colour; False where the NIR is NaN."""
+    """Mask (row, column), True where, by `rule`, NIR or colour is not that of water; False where the NIR is NaN."""
     nir, visible = block[rule.roles.nir], block[rule.roles.visible[0]]
     missing = ~np.isfinite(nir)
     found = filled_squares(nir > rule.threshold, missing, rule.window)

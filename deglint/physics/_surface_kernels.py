@@ -1,4 +1,4 @@
-"""Loops of `deglint.physics.surface` that are compiled by numba; each works on a part of the rows, for threads."""
+"""Loops of `deglint.physics.surface` that numba compiles; each processes some of the rows, for use with threads."""
 
 import math
 
@@ -15,14 +15,14 @@ def frequency(i: int, n: int, step: float) -> float:
 
 @njit(nogil=True, cache=True)
 def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignore[no-untyped-def]
-    """Multiply `noise` (row, column), complex with standard normal parts, in place to get wave amplitudes [m].
+    """Multiply `noise` (row, column), whose real and imaginary parts are standard normal, to get wave amplitudes [m].
 
-    Rows slab[0] to slab[1] - 1 are processed. `steps` are the steps of the wavenumber from row to row and from column
+    Rows slab[0] to slab[1] - 1 are processed in place. `steps` are the wavenumber steps from row to row and from column
     to column [rad/m]. The contributions of the waves in each row to the variances of height [m2], east slope and north
-    slope, and to the covariance of both slopes, are stored in `sums` (row, 4). `table` is (first log wavenumber, step
-    of log wavenumber, log omnidirectional spectral density (n,), Elfouhaily's D (n,)), and `along` is the unit vector
+    slope, and to the covariance of both slopes, are stored in `sums` (row, 4). `table` is (first ln wavenumber, step
+    of ln wavenumber, ln omnidirectional spectral density (n,), Elfouhaily's D (n,)), and `along` is the unit vector
     (east, north) downwind. `how` is (code of the directional spreading, exponent s, value of `spectra.spreading_norm`,
-    share of the energy that travels upwind).
+    share of the energy that travels upwind). The amplitudes of the mean and of the Nyquist frequency are set to 0.
     """
     rows, columns = noise.shape
     row_step, column_step = steps
@@ -64,9 +64,9 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore[no-untyped-def]
     """Fill `out` with the spectrum at a time [s] of east slope + i * north slope if `slopes` is True, else of height.
 
-    `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r hold the same waves, so both
-    are filled for each r from slab[0] to slab[1] - 1 (<= rows // 2). `steps` are the steps of the wavenumber from row
-    to row and from column to column [rad/m]. `physics` is (surface tension over density [m3/s2], gravity [m/s2]).
+    `out` and `amplitudes`, from `fill_amplitudes`, are (row, column). Rows r and rows - r depend on each other's
+    amplitudes, so both are filled for each r from slab[0] to slab[1] - 1 (<= rows // 2). `steps` of the wavenumber are
+    from row to row and from column to column [rad/m]. `physics` is (surface tension / density [m3/s2], gravity [m/s2]).
     """
     rows, columns = amplitudes.shape
     row_step, column_step = steps

@@ -1,9 +1,9 @@
 """Sun glint in closed form: the facet that reflects the sun into the sensor, its probability, and the glint radiance.
 
-The solar disk is assumed to be small, and only single reflections are modelled. The normal of the facet that glints
-then bisects the angle between the directions to the sun and to the sensor. The share of the pixel that glints follows
-from the probability density of slopes, without a sum over facets. Angles of sun and sensor are as seen from the
-target. `sun_glint` computes the density of slopes from the wind; `probability` and `radiance` take it as an argument.
+The solar disk is assumed to be small; only single reflections are modelled; waves do not hide each other. The normal
+of the facet that glints then bisects the angle between the directions to sun and sensor. The share of the pixel that
+glints follows from the probability density of slopes, without a sum over facets. Angles of sun and sensor are as seen
+from the target. `sun_glint` computes this density from the wind; `probability` and `radiance` take it as an argument.
 
 References
 ----------

@@ -31,8 +31,8 @@ def observe(
 ) -> Floats:
     """Compute the noise-free image that the sensor takes of a scene on a grid finer than the pixels (the fine grid).
 
-    A pixel of the image, (row, column) [unit of the scene], is a blurred mean; the mean of the image is that of the
-    scene. Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
+    The image is (row, column), in the unit of the scene; each pixel is a blurred mean, and the mean of all is that of
+    the scene. Raises InputError if the number of rows or columns of the fine grid is not a multiple of `factor`.
 
     Parameters
     ----------

@@ -40,14 +40,14 @@ class Iops(NamedTuple):
 def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     """Inherent optical properties of case-1 water.
 
-    The absorption a, and the backscattering b_bp of particles at the wavelength lambda are, with the absorption a_w of
-    sea water and a_p of particles, A and E from a table (Bricaud et al. 1998) and chlorophyll C,
+    C is chlorophyll, a_w and a_p are the absorption of sea water and of particles at the wavelength lambda, and A and E
+    are from a table for this wavelength (Bricaud et al. 1998). Total absorption a and particle backscattering b_bp are
 
         a = a_w + a_p + 0.2 a_p(440) exp(-0.014 (lambda - 440)),  a_p = A C^E,
         b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766,
         v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0
 
-    (Morel and Maritorena 2001, eq. 12 to 14).
+    (Morel and Maritorena 2001, eq. 12 to 14). Water itself scatters half of the light that it scatters backwards.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
 def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Array:
     """Absorption by all particles, A C^E [1/m] (Bricaud et al. 1998); it is 0 from 720 nm on.
 
-    `wavelength` is in nm, `chlorophyll` (C) in mg m-3, as in `case1`.
+    `wavelength` is in nm, `chlorophyll` (C) in mg m-3, as in `case1`. Ultraviolet values are from other sources.
 
     Examples
     --------

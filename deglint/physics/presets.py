@@ -1,8 +1,8 @@
-"""Sensor presets of the simulator.
+"""Sensor presets of simulations and plans.
 
-Band edges are published values. Full-scale radiances, well capacities, read noise and band delays are round, typical
-numbers where they are not published. The sensor "thesis", after the thesis of Fink (2014), is assumed to be an airborne
-imager with the bands of WorldView.
+Band edges are published values. Full-scale radiances, full-well capacities, read noise and band delays are round,
+typical numbers where they are not published. The sensor "thesis", after the thesis of Fink (2014), is assumed to be an
+airborne imager with the bands of WorldView.
 """
 
 from dataclasses import replace
@@ -20,7 +20,7 @@ _WORLDVIEW_BANDS = (  # name, lower and upper edge [nm], full scale [W m-2 sr-1 
     ("NIR1", 770, 895, 0.137, 0.324),
     ("NIR2", 860, 1040, 0.091, 0.0),
 )
-_MICASENSE_BANDS = (  # the same columns; full scales of an exposure for water
+_MICASENSE_BANDS = (  # the same columns; the full scales are those of an exposure that suits water
     ("BLUE", 465, 485, 0.10, 0.0),
     ("GREEN", 550, 570, 0.10, 0.0),
     ("RED", 663, 673, 0.08, 0.0),
@@ -53,7 +53,7 @@ PRESETS: dict[str, Sensor] = {
         name="worldview3",
         bands=tuple(replace(b, full_scale=2 * b.full_scale) for b in _bands(_WORLDVIEW_BANDS)),
         gsd=1.24,
-        f_number=12.1,  # this and the pitch are assumed, and differ from those of the preset of `deglint.sensors`
+        f_number=12.1,  # assumed, as is the pitch; `deglint.sensors` has other values, which are unverified
         pitch=26.7e-6,
         bits=11,
     ),

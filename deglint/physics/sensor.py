@@ -25,8 +25,8 @@ LIGHT_SPEED = 299792458.0  # speed of light [m/s]
 class SensorBand(Checked):
     """One band of a sensor: name, lower and upper edge [nm], full-scale radiance [W m-2 sr-1 nm-1], time offset [s].
 
-    The full-scale radiance fills the well; the exposure time follows from it. The time offset is the time of the band
-    after the first band. Raises InputError for a value out of range, or a lower edge above the upper edge.
+    The full-scale radiance fills a pixel to its full-well capacity; the exposure time follows from it. The time offset
+    is the time of the band after the first one. Raises InputError for a value out of range, or edges in wrong order.
     """
 
     name: str
@@ -55,10 +55,10 @@ class SensorBand(Checked):
 class Sensor(Checked):
     """Optics, detector and bands of a sensor. Raises InputError for a value out of range, BandError without bands.
 
-    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length divided by
-    aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a pixel, 1 to 16.
-    `smear` is the motion during the exposure, along the columns of the image [pixel], and `jitter` the standard
-    deviation of the line of sight along each axis [pixel].
+    `gsd` is the side of a pixel on the sea [m], `pitch` the detector pitch [m], `f_number` focal length over diameter
+    of the aperture, `well` the full-well capacity of a pixel [electrons], and `bits` the number of bits of a digital
+    number, 1 to 16. `smear` is the motion during the exposure, along the columns of the image [pixel], and `jitter` the
+    standard deviation of the line of sight along each axis [pixel].
     """
 
     name: str
@@ -93,7 +93,7 @@ class Sensor(Checked):
         raise BandError(f"no band {name!r} in {self.name}; it has {', '.join(b.name for b in self.bands)}")
 
     def exposure(self, band: SensorBand) -> float:
-        """Exposure time [s] in which the full-scale radiance of the band fills the well."""
+        """Exposure time [s] in which the full-scale radiance of the band fills the full-well capacity."""
         return self.well / float(electrons(band.full_scale, self, band, exposure=1.0))
 
     def scale(self, band: SensorBand) -> float:
@@ -151,9 +151,9 @@ def cutoff(sensor: Sensor, wavelength: float) -> float:
 def mtf(row_frequency: npt.ArrayLike, column_frequency: npt.ArrayLike, sensor: Sensor, wavelength: float) -> Floats:
     """MTF [1] of the whole sensor: diffraction, detector, smear and jitter.
 
-    ``M = M_diffraction(|v|) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, with
+    ``M = mtf_diffraction(|v| / cutoff) sinc(v_r) sinc(v_c) sinc(d v_r) exp(-2 pi**2 s**2 |v|**2)``, with
     ``|v|**2 = v_r**2 + v_c**2``, the smear d and the jitter s in pixels, and ``sinc(x) = sin(pi x) / (pi x)``.
-    It is 1 at zero frequency, and may be negative above the sampling frequency.
+    It is 1 at zero frequency, and may be negative where v_r or v_c is above 1, or v_r above 1 / d [cycles/pixel].
 
     Parameters
     ----------
@@ -256,12 +256,9 @@ def digitise(
 ) -> npt.NDArray[np.uint16]:
     """Convert radiance to the digital numbers of a band, with noise and quantisation; the dark signal is subtracted.
 
-    radiance : number or array, radiance after the blur by optics and detector [W m-2 sr-1 nm-1]
-    sensor, band : the sensor, and one of its bands
-    generator : random generator of the noise; without it there is no noise
-
-    Returns digital numbers from 0 to ``2**bits - 1`` in the shape of `radiance`; times `Sensor.scale`, they are again
-    radiance.
+    `radiance` [W m-2 sr-1 nm-1] is already blurred by optics and detector. `generator` draws shot, dark and read
+    noise; without it, there is only quantisation. Digital numbers are 0 to ``2**bits - 1``, in the shape of `radiance`;
+    times `Sensor.scale`, they are again radiance, limited to the full-scale radiance.
     """
     count = np.asarray(np.maximum(electrons(radiance, sensor, band), 0.0))
     if generator is not None:

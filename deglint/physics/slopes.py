@@ -224,7 +224,7 @@ def _series(x: Array, y: Array, c21: Array, c03: Array, c40: float, c22: float, 
 def _negative_mass(model: str) -> tuple[Array, Array]:
     """Winds (n,) [m/s], and the integral of the negative part of the Gram-Charlier density for each wind (n,) [1].
 
-    The integrals are positive; linear interpolation between winds is accurate to 5e-6. `model` must not be Gaussian.
+    The integrals are positive; linear interpolation between winds is accurate to 1e-5. `model` must not be Gaussian.
     """
     chosen = MODELS[model]
     assert chosen.skewness is not None

@@ -124,7 +124,7 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
 
     Notes
     -----
-    The drag coefficient is 1.44e-3. The slope variance exceeds Cox and Munk's by 18 % at 5 m/s and by 3 % at 14 m/s.
+    The drag coefficient is 1.44e-3. The slope variance exceeds Cox and Munk's by 16 % at 5 m/s and by 1 % at 14 m/s.
     Below about 2.2 m/s the fitted amount of short waves is negative; it is set to zero.
 
     References

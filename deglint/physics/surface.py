@@ -102,14 +102,14 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     shape, spacing : (int, int), float
         Numbers of rows and columns of the grid, and its step [m].
     seed : int, SeedSequence or Generator
-        The same seed gives the same surface to the bit, whatever `workers` is; a Generator another one at each call.
+        The same seed gives the same surface to the bit, for any `workers`; a Generator gives another at each call.
     workers : int
         Number of threads.
 
     Notes
     -----
-    Waves that are longer than the grid, or not resolved by it, are absent. On a grid four peak wavelengths wide, the
-    significant wave height is right to a few percent; for slopes, one is enough. A grid point takes 25 bytes of memory.
+    Waves that are longer than the grid, or not resolved by it, are absent. The significant wave height is right to a
+    few percent on a grid four peak wavelengths wide; slopes need only one. A grid point takes 25 bytes of memory.
 
     References
     ----------

@@ -32,12 +32,12 @@ class Sea(Checked):
 
     Attributes
     ----------
-    wind, wind_from : float
-        Wind speed at a height of 10 m [m/s], 1 to 20, and azimuth that the wind blows from [degree].
-    fetch : float
-        Distance over which the wind has blown [m]; only JONSWAP uses it.
+    wind, wind_from, fetch : float
+        Wind speed at a height of 10 m [m/s], 1 to 20; azimuth that the wind blows from [degree]; distance over which
+        the wind has blown [m], which only JONSWAP uses.
     spectrum, spreading : str, and str, optional
-        Wave spectrum. Directional spreading: by default "elfouhaily" for the spectrum of that name, else "half-angle".
+        Wave spectrum, one of `Spectrum`; directional spreading, one of `Spreading`, by default "elfouhaily" for the
+        spectrum of that name, else "half-angle".
     exponent, opposing, short_gain : float
         Exponent s of the cos-2s spreadings "half-angle" and "full-angle"; share of the energy that goes upwind in the
         spreading "elfouhaily", 0 to 0.5; factor on the energy of short waves (see `SHORT_WAVES`) [1].

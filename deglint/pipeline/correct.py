@@ -90,10 +90,10 @@ class Correction:
     water_bands: tuple[int, ...] = ()  # 0-based bands that the rule uses
     changed: list[int] = field(default_factory=list)  # 0-based bands that the removal or the chain may change
     want_amount: bool = False
-    noise: tuple[float, ...] | None = None  # standard deviation of each band in `changed`; None: no flags wanted
+    noise: tuple[float, ...] | None = None  # standard deviation of noise, for bands `changed`; None: no flags wanted
     want_stderr: bool = False
     replaced: tuple[ReplacedError, ...] = ()  # one per band: error variances, for a chain with an opening
-    left: Posterior | None = None  # sets the variance of glint that is left, if no stage does
+    left: Posterior | None = None  # estimates the error of glint that is left, if no stage of the chain does
 
     @property
     def amount_bands(self) -> list[int]:
@@ -201,8 +201,7 @@ class Correction:
         block.changes = {f.band: block.where for f in self.model.fits}
 
     def _apply_chain(self, block: Block, physical: Any) -> None:
-        """Apply the chain to each cell, and write the result to `physical`, (band, row, column), and to `block`.
-
+        """Apply the chain to each cell; write the result to `physical`, (band, row, column), and to `block`.
         Without stages, only the standard errors are written.
         """
         removed, shape = {f.band for f in self.model.fits}, block.tile.shape

@@ -21,7 +21,7 @@ from .overview import Job, Progress, overview_of, overviews, sampler_of
 from .recipe import Recipe, make_request
 from .sample import Sampled, Training, chosen, fit_sampled, fit_training, read_training
 
-SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched
+SMALLEST_SCENE = 256  # fewest pixels of a scene in which a sample is searched for
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,11 @@ def fit_scene(
     threads : int, optional
         All processors by default; the result does not depend on the number.
     want_sample : bool
-        Return the sample's outline as GeoJSON.
+        Set `Fitted.sample` to the outline of the sample as GeoJSON.
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     run : callable
-        Function that processes the tiles of the sample, on threads or, as the `run` method of a cluster, on workers.
+        Function that processes the sample's tiles for a pointwise method: on threads, or on workers (`Cluster.run`).
 
     Returns
     -------
@@ -169,7 +169,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
         model = GlintModel("wiener", job.request.indexes, (), job.request.names, warnings=warnings)
     elif text != "off" or METHODS[method].neighbours:
         if training is None or text == "off":
-            note = None if choice else job.note  # the tiles of the trials have been counted
+            note = None if choice else job.note  # progress on these tiles was reported before the trials
             training = read_training(replace(job, note=note), for_chain=text != "off")
         chain, model, sampled = fit_training(job, training, text, method)
     elif METHODS[method].plan is None:
@@ -185,7 +185,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
-    """Method and chain of a job; if the recipe leaves them open, also their trials, and the training tiles of these."""
+    """Method, chain text, `Choice` and training tiles of a job; these two are None unless `Recipe.chain` is "auto"."""
     method, text = job.recipe.method, job.recipe.chain
     if text != "auto":
         return "wiener" if method == "auto" else method, text, None, None

@@ -122,8 +122,8 @@ def glint_numbers(work: Correction, tally: PixelCounts) -> dict[str, Any]:
 def image_layout(scene: Scene, dtype: str | None, options: Mapping[str, str]) -> Layout:
     """Layout of the corrected image; its type is `dtype`, by default the scene's. `options`: GDAL creation options.
 
-    The output has the nodata of the input; if its type cannot hold it, NaN (floating point), or no nodata but a mask
-    (integers). It also has a mask if the input has one, or if floats without nodata become integers.
+    The output has the nodata of the input (of the first band with one); if its type cannot hold it, NaN (floats), or no
+    nodata but a mask (integers). It also has a mask if the input has one, or floats without nodata become integers.
     """
     source, bands = raster_of(scene), tuple(range(len(scene.bands)))
     info, out = source.info, np.dtype(dtype or source.info.dtype)
@@ -174,7 +174,7 @@ def sky_glint(scene: Scene) -> dict[str, Any] | None:
 
     .. math:: \rho = \pi L / (E_{sun} + E_{sky})
 
-    with L the reflected sky radiance (`deglint.physics.sky.reflectance`) and the irradiance of Gregg and Carder (1990).
+    with the reflected sky radiance L; L / E_sky is from `physics.sky.reflectance`, E from Gregg and Carder (1990).
     Returns the `reflectance` of each band of 300 to 1000 nm by name [1]; its `range`, the lowest and the highest over
     three sky models, `VISIBILITIES` and, if the scene states no usable wind, `SKY_WINDS`; and the assumptions. Returns
     None, with a line in the log, if the scene does not state the angles of sun and sensor, or has no such band.

@@ -79,7 +79,7 @@ class PixelCounts:
     total: int = 0
     nodata: int = 0  # not valid
     not_water: int = 0  # not water, or outside the mask
-    corrected: int = 0
+    corrected: int = 0  # with the flag "corrected"
     protected: int = 0  # targets
     replaced: Any = 0  # for each band: glint replaced by a chain
     changed: Any = 0  # for each band: not copied

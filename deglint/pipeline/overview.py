@@ -24,7 +24,7 @@ from ..tiles import Tile
 from .recipe import Recipe
 
 Mask = npt.NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
@@ -95,7 +95,7 @@ def _everywhere(scene: Scene, nir: int, threads: int) -> list[Tile]:
 
     at_once = tiling.affordable(threads, shape, len(scene.bands))
     everything = tiling.tiles(scene.height, scene.width, shape)
-    # a tile in so many is kept from the start: the list itself must not grow with the scene
+    # only one tile in `share` is kept from the start: the list itself must not grow with the scene
     share = max(1, total // (TILE_SIDE**2 * MOST_TILES))
     found = [t for part in on_threads(everything, work, at_once) for t in part[::share]]
     return found[:: max(1, -(-len(found) * TILE_SIDE**2 // MOST_OVERVIEW))]

@@ -31,7 +31,8 @@ class Recipe:
         best; "set", the NIR band taken at the same time. "auto": "set" if `nir` is empty and the sensor takes its bands
         in sets at different times, each with a NIR band; else "mean".
     bands : tuple of str
-        Bands to correct, by name or 1-based number; if empty, all of shorter wavelength than the longest NIR band.
+        Bands to correct, by name or 1-based number; if empty, all of shorter wavelength than the longest NIR band
+        (all other bands if none of them has a wavelength).
     sample : str
         Pixels to fit to: "auto" (an area that `mask` names, else open water; without water, all if `mask` is "none"),
         "all", or an area as in `mask`.

@@ -73,8 +73,8 @@ def remove_glint(
     progress : callable, optional
         Called as progress(step, done, total): name of the step, numbers of finished and of all tiles.
     **options
-        sensor, nodata, grid, bands, wavelengths, scale, offset: see `open_scene`; flags, amount, stderr, sample,
-        picture, overwrite, dtype, options, request, reads, model_file (`Outputs.model`): see `Outputs`; chain: `model`.
+        sensor, nodata, grid, bands, wavelengths, scale, offset: see `open_scene`; chain: see `model`; flags, amount,
+        stderr, sample, picture, overwrite, dtype, options, request, reads, model_file (`Outputs.model`): see `Outputs`.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask:
     fitted : Fitted
         Result of `fit_scene`; its compensation and its water mask are applied, too.
     window : ((row0, row1), (col0, col1)), optional
-        Rows and columns to correct, ends excluded; the whole scene by default.
+        Rows and columns to correct, ends excluded, inside the scene (else InputError); the whole scene by default.
     mask : str, optional
         Pixels to correct, as in `Recipe`; by default the mask of the recipe of `fitted`.
 

@@ -41,7 +41,7 @@ KEPT_PIXELS = 1 << 20  # most single pixels that are kept in memory for a percen
 MOST_CELLS = 1 << 14  # approximate number of cells, or groups of cells, whose moments are kept for standard errors
 
 Place = tuple[Window | None, list[Any]]
-"""Bounding window of the sample in a tile, and its outline as GeoJSON features if requested."""
+"""Bounding window in the scene of the sample in a tile (None: no sample), and its outline as GeoJSON if requested."""
 Sampled = tuple[dict[str, Any], dict[str, Any] | None]
 """The sidecar entries of a sample, and its outline as GeoJSON if requested."""
 
@@ -150,7 +150,9 @@ def sample_of(training: Sequence[Training]) -> Sample:
 
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
-    """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`."""
+    """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`.
+    For `wiener`, if one of these stages is `identify-level`, its variant for openings is fitted: `remove.mixture`.
+    """
     images = [s.image for s in sample.states]
     if not METHODS[method].neighbours:
         return fit_pointwise(method, job.request, images, sample.inside)
@@ -161,7 +163,7 @@ def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sam
         inner = offshore(tiles, background.size)
         return mixture.fit(job.request, inner, background.clear, background.cut if replaced else None)
     request = replace(_of_kernels(job), faint=chain.text != "remove")
-    if request.faint:  # the posterior mean follows
+    if request.faint:  # the fit expects the posterior mean to remove strong glint
         request = replace(request, more=more_references(request, tiles))
     return wiener.fit(request, tiles, strips=strips_of_footprints(job.scene, job.request.correct[0]))
 
@@ -229,10 +231,10 @@ def _part_of(found: Training, scene: Scene) -> Training:
 
 
 def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
-    """Fit a pointwise method, which uses no neighbouring pixels, to its sample; also return notes for the log."""
+    """Fit a pointwise method (no neighbouring pixels) to its sample; also return its description and log lines."""
     sampler = job.sampler or sampler_of(job)
     pixels = sum(tile.pixels for tile in sampler.tiles)
-    if sampler.bounds:  # the area itself
+    if sampler.bounds:  # pixels of the window around it, not of all tiles that this touches
         pixels = math.prod(high - low for low, high in sampler.bounds)
     share, levels = max(1, -(-pixels // KEPT_PIXELS)), math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
     plan = replace(METHODS[method].plan(job.request), share=share, levels=levels)  # type: ignore[misc]
@@ -249,7 +251,7 @@ def _read(
 ) -> Iterator[tuple[SampleStatistics, list[Place]]]:
     """Yield, for each row of tiles of a batch, the statistics of the sample, and its `Place` in each tile."""
     scene, halo = job.scene, max(plan.halo, 0)
-    outlined = scene if job.want_sample else None  # workers of a cluster get no job
+    outlined = scene if job.want_sample else None  # workers of a cluster get no job: `note` belongs to this process
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
 

@@ -191,8 +191,9 @@ def _cover(radius: int) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
 
 @lru_cache(maxsize=8)
 def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
-    """Maps for cv2.remap: the fractional column (azimuth) and row (zenith) from which each pixel of a disc is taken
-    in an array of `down` zenith angles and `around` azimuths. The disc has `_OVERSAMPLING` times `radius` [pixel].
+    """Maps for cv2.remap: the fractional column (azimuth) and row (zenith) from which each pixel of a disc is taken.
+
+    There are `down` zenith angles and `around` azimuths; the radius of the disc is `_OVERSAMPLING` * `radius` [pixel].
     """
     axis = _axis(radius, _OVERSAMPLING)
     x, y = axis[None, :], -axis[:, None]

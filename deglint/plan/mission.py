@@ -1,4 +1,4 @@
-"""The input of a plan: place and time, wind, air, water, object, sensor, and limits of glint.
+"""The input of a plan: place and time, wind, air, water, object, sensor, and limits.
 
 A `Mission` has defaults, and rejects values outside the range of the models. `mission_from` makes one from tables of
 numbers and text, `tables_of` does the opposite, and `merged` lets options of the command override a TOML file.
@@ -66,8 +66,8 @@ class Limits(Checked):
 class Mission(Checked):
     """All parameters of a plan. Give latitude and longitude, or both angles of the sun; the rest has defaults.
 
-    Raises InputError if a value is out of the range of its model, or the sun unknown or below 1 degree; BandError if a
-    band is unknown, or two bands of the sensor have one name.
+    Raises InputError if a value is out of the range of its model, or if the sun is unknown or less than 1 degree high;
+    BandError if a band is unknown, or two bands of the sensor have the same name.
 
     Attributes
     ----------
@@ -80,8 +80,8 @@ class Mission(Checked):
     wind, wind_from, wind_height : float
         Wind speed [m/s], azimuth from which the wind blows [degree], and height at which it is measured [m].
     air : Air, optional
-        State of the atmosphere. Its field `wind` is ignored: the wind of the mission at 10 m is used. By default, the
-        `wind_mean` has this value, too, humidity is 80 %, water vapour 2.5 cm, visibility 40 km, and ozone has its
+        State of the atmosphere. Its field `wind` is ignored: the wind of the mission at 10 m is used. By default,
+        `wind_mean` is this wind, too, humidity is 80 %, water vapour 2.5 cm, visibility 40 km, and ozone has its
         climatological value for the place and day (300 DU without a place).
     chlorophyll : float
         Chlorophyll of the case-1 water [mg m-3].
@@ -173,7 +173,7 @@ class Mission(Checked):
 
     @cached_property
     def moment(self) -> np.datetime64 | None:
-        """Time of the plan (UTC), by default when it is first read; None if neither time nor latitude is given."""
+        """Time of the plan (UTC), by default that of its first use; None if neither time nor latitude is given."""
         if self.time is not None:
             return sun.moment(self.time)
         return None if self.latitude is None else np.datetime64("now", "s")
@@ -241,14 +241,14 @@ _KEYS: dict[str, tuple[str, ...]] = {  # further keys of some tables
     "sensor": ("preset", "bands", "band", *(f.name for f in fields(Sensor))),
     "limits": tuple(f.name for f in fields(Limits)),
 }
-# keys whose values are no numbers
+# keys whose values need not be numbers; `_read` returns them unchecked
 _NO_NUMBERS = ("time", "model", "slopes", "sky", "pressure", "preset", "bands", "band", "name")
 # pressure of one unit [hPa]
 _HECTOPASCALS = {"hpa": 1.0, "mbar": 1.0, "mb": 1.0, "kpa": 10.0, "pa": 0.01, "mmhg": 1.333224, "inhg": 33.86389}
 
 
 def mission_from(tables: Tables, name: str = "the mission") -> Mission:
-    """Make a mission from tables {table: {key: value}}, as in a mission file; `name` names them in error messages.
+    """Make a mission from tables {table: {key: value}}, as in a mission file; error messages call them `name`.
 
     Raises InputError if a table or key is unknown, or a value cannot be used.
 
@@ -322,7 +322,7 @@ def pressure(value: Any) -> float:
 
 
 def _read(table: str, values: Any, known: Iterable[str], name: str) -> dict[str, Any]:
-    """Return a table. Raises InputError unless it is one, with `known` keys and finite numbers (but `_NO_NUMBERS`)."""
+    """Return a table, numbers as float; raise InputError if it is no table, a key is unknown or a value not finite."""
     if not isinstance(values, Mapping):
         raise InputError(f"{name}: {table} must be a table; write [{table}] with its values below.")
     out: dict[str, Any] = {}

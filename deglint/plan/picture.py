@@ -15,7 +15,7 @@ DISC_CENTRE, DISC_RADIUS = (418.0, 430.0), 345  # centre (x, y) and radius of th
 LABELLED = 200  # least radius of a disc with a compass rose and labels of the rings [pixel]
 _LEFT = 860  # left edge of the text beside the disc [pixel]
 _COLUMN = WIDTH - _LEFT - 34  # width of the text [pixel]
-_MOST_ROWS = 12  # bands in the table; the legend needs the space below it
+_MOST_ROWS = 12  # largest number of bands in the table; the legend needs the space below it
 _PALE_INK = (150, 155, 162)  # colour of bands that are not usable, and of lines in the disc
 _HOW = (
     "The object is in the middle; a point of the disc is where the sensor stands, north up. Rings: degrees off nadir."
@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pattern]]:
-    """Contrast over noise (zenith, azimuth) of `band` or all (root sum square); hatchings: undetectable, sky, sun."""
+    """Contrast over noise (zenith, azimuth) of `band`, or of all; hatchings: undetectable, sky glint, sun glint."""
     # arrays of hatchings are smooth, and above 0 where hatched: `draw.disc` interpolates them to draw smooth edges
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):
@@ -83,7 +83,7 @@ def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pa
             glint = np.maximum(glint, np.log(shares))
     faint = np.where(plan.detectable, np.minimum(faint, -1e-9), np.maximum(faint, 1e-9))
     sky = plan.sky_probability - limits.sky_probability
-    if band is None:
+    if band is None:  # root sum square of the bands that are detectable and clear of sky glint
         contrast = np.sqrt(np.sum(np.square(plan.snr * (plan.clear_of_sky & plan.detectable)), axis=0))
         sky, faint = np.maximum(sky, faint).min(axis=0), faint.min(axis=0)
         sky = np.where(faint > 0, -1e-9, sky)  # too faint in every band: not hatched as reflected sky

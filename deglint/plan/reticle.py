@@ -74,10 +74,10 @@ class Reticle:
     glint_radiance, sky_radiance : (band, zenith, azimuth) ndarray
         Radiance of sun glint, and of reflected skylight [W m-2 sr-1 nm-1].
     sky_probability : (band, zenith, azimuth) ndarray
-        Share of the sea that reflects more skylight than `sky_ratio` times the radiance of deep water [1].
+        Share of the sea that reflects more skylight than `Limits.sky_ratio` times the radiance of deep water [1].
     weber, snr : (band, zenith, azimuth) ndarray
         Weber contrast ``(LT - LB) / LB`` [1], and contrast over noise: ``|LT - LB|`` / (noise-equivalent radiance) [1].
-        LT and LB are the water-leaving radiances over the object and of deep water.
+        LT, LB: water-leaving radiance over the object and of deep water. Noise: `Limits.ner`, else of LB + glint + sky.
     clear_of_glint : bool ndarray
         True where sun glint is within its limits.
     clear_of_sky, detectable : (band, zenith, azimuth) bool ndarray

@@ -53,7 +53,7 @@ class Line:
         kept = np.where(seen, strength, 0.0)
         # share of the view, in equal steps of angle, whose glint exceeds the limit, (heading,) [1]
         self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))
-        self.mean = kept.mean(axis=(1, 2))  # glint radiance per irradiance of a plane facing the sun, (heading,) [1/sr]
+        self.mean = kept.mean(axis=(1, 2))  # mean glint strength, with 0 where it is not modelled, (heading,) [1/sr]
         self.across = np.linspace(-0.5, 0.5, _ACROSS) * view.across  # angles across the track, right positive [degree]
         # largest glint along the track at each angle across it, (heading, across) [1/sr]; NaN where not modelled
         self.profile = np.where(seen.any(axis=1), kept.max(axis=1), np.nan)
@@ -187,7 +187,7 @@ def words(line: Line, others: tuple[Alternative, ...]) -> list[str]:
 
 
 def numbers(mission: Mission, line: Line, others: tuple[Alternative, ...]) -> dict[str, Any]:
-    """Values for `plain`, then JSON: mission, field of view, glint for every heading, best heading, alternatives."""
+    """Values for JSON (via `raster.output.plain`): mission, view, best heading, alternatives, glint of all headings."""
     return {
         "mission": tables_of(mission),
         "view": asdict(line.view),

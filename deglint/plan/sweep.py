@@ -15,7 +15,7 @@ from .mission import SUN_LIMIT, Mission, tables_of
 from .reticle import Reticle, ViewingGeometry, best_geometry, compass, one_in, reticle, sentence
 
 DAYLIGHT = 15.0  # least solar elevation with enough light under water [degree]
-SPEEDS, TURNS = 5, 7  # number of speeds and of directions in the interval of an uncertain wind, ends included
+SPEEDS, TURNS = 5, 7  # speeds and directions in the interval of a wind, ends included; the mission's speed is added
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def table(moments: list[Moment]) -> list[str]:
 
 
 def numbers(mission: Mission, moments: list[Moment]) -> dict[str, Any]:
-    """Values for `plain`, then JSON: the mission, the summary of the best time, and the summaries of all times."""
+    """Values for JSON (via `raster.output.plain`): mission, summary of the best time, and summaries of all times."""
     best = best_moment(moments)
     rows = {id(m): asdict(m) | {"time": f"{m.time}Z"} for m in moments}
     fixed = tables_of(mission)
@@ -157,7 +157,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Values for `plain`, then JSON: winds, best geometry and intervals, share of winds that exclude a geometry."""
+        """Values for JSON (via `raster.output.plain`): winds, best geometry and intervals, `risk` of every geometry."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

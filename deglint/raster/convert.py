@@ -69,7 +69,7 @@ def is_finite(values: Raw) -> Valid:
     size = np.abs(values)
     low, high = FORGOTTEN
     if values.dtype.itemsize <= 4:
-        return np.asarray(size < np.float32(low))  # beyond float16
+        return np.asarray(size < np.float32(low))  # as float32: float16 cannot hold the limit
     return np.asarray(((size < low) | (size > high)) & (size < np.finfo(np.float64).max))
 
 
@@ -148,7 +148,7 @@ def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid]:
-    """Convert file values to the type `dtype` and the nodata value of an output; for integers, NaN becomes nodata.
+    """Convert file values to the type `dtype` and the nodata value of an output; integers: NaN becomes it (0 if None).
 
     A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
     that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the

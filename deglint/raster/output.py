@@ -31,8 +31,8 @@ OVERVIEWS_FROM = 1024  # images whose longer side has this size or more get over
 _SMALLEST_OVERVIEW = 512  # the longer side of the smallest overview is at most this [pixel], as in GDAL's COG driver
 _SIDES = (64, 128, 256, BLOCK)  # possible sides of blocks [pixel]
 _FLAG_COLOURS = ("000000", "bebebe", "56b4e9", "cc79a7", "f0e442", "e69f00", "009e73", "d55e00")
-"""Red, green and blue for each bit of a raster of flags, the lowest bit first; the colours suit colour-blind readers
-(Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
+"""Colour (RRGGBB) of each bit of a raster of flags, the lowest bit first; of several bits, that of the highest is used.
+They suit colour-blind readers (Okabe and Ito 2008, https://jfly.uni-koeln.de/color/)."""
 _OF_CONTENT = ("driver", "height", "width", "count", "dtype", "nodata", "crs", "transform")
 """Entries of a rasterio profile that are not creation options: a copied file has them from its source."""
 _REFUSED = (*_OF_CONTENT, "mode", "sharing", "profile", "tfw", "rpb", "rpctxt")
@@ -60,8 +60,8 @@ class Layout:
     scaled: bool = True  # the values are file values of the input: keep scale, offset, unit and colour
     names: tuple[str, ...] | None = None  # names of the bands; by default as in the input
     masked: bool = False  # the file gets a mask: 0 where a pixel is not valid, else 255
-    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time; each block is written once
-    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit of flags, which get colours
+    tile: tuple[int, int] = (BLOCK, BLOCK)  # rows and columns written at a time, such that each block is written once
+    flags: Mapping[int, str] = field(default_factory=dict)  # meaning of each bit of flags, by its value (1, 2, 4, ...)
 
     @property
     def overviews(self) -> bool:
@@ -110,7 +110,7 @@ class RasterWriter:
         with _refusals(target, layout.options), write_errors(target):
             with quiet():
                 self._dataset = rasterio.open(path, "w", **profile)
-                if layout.overviews:  # the options were accepted; they are used when the blocks are arranged
+                if layout.overviews:  # GDAL has accepted the options; `add_overviews` uses them for the copy
                     self._dataset.close()
                     plain = {k: v for k, v in profile.items() if k.lower() in _UNPACKED}
                     self._dataset = rasterio.open(path, "w", **plain)

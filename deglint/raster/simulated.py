@@ -35,7 +35,7 @@ def write_scene(
     """Write a simulated scene: the image ``DIR/NAME.tif``, its ground truth ``DIR/NAME_*.tif``, and ``DIR/NAME.json``.
 
     `stem` is ``DIR/NAME``. `truth` selects files of the ground truth: all (True), none (False), or a collection of
-    suffixes such as "_truth_water". Either all files are written or none; their paths are returned.
+    suffixes such as "_truth_water". Returns the paths; all files are written or none. Raises InputError, WriteError.
     """
     base = _base(stem)
     layers = layers_of(scene)
@@ -57,7 +57,7 @@ def write_scene(
 
 
 def planned_files(stem: str | Path, setup: Any, *, surface: bool = False) -> dict[Path, int]:
-    """All files that `write_scene` writes for a setup, image first, and the size of their pixels [byte] (JSON: 0)."""
+    """Uncompressed bytes of each file of `write_scene`, image first (JSON: 0); `surface`: also of height and slopes."""
     base, count, pixels = _base(stem), len(setup.sensor.bands), math.prod(setup.size)
     sizes = {"": 2 * count, "_truth": 4 * count, "_truth_water": 4 * count, "_truth_noisy": 2 * count}
     sizes |= {"_glint": 4 * count, "_glint_mask": count, "_objects": 2}
@@ -194,7 +194,7 @@ def _kind(target: Path) -> str:
 
 
 def _geotiff(plan: Any, path: Path) -> None:
-    """Write a plan: a band for each of its layers, a row per zenith angle, a column per azimuth [degree]; no CRS."""
+    """Write a plan as GeoTIFF without CRS: a band per layer, a row per zenith angle, a column per azimuth [degree]."""
     from ..plan.dataset import BAND_LAYERS, LAYERS, layer
 
     known = [(name, unit, layer(plan, name)) for name, (unit, _) in LAYERS.items()]

@@ -71,7 +71,7 @@ class RasterSource:
         self.undeclared: Any = None  # what `deglint.readers.undeclared` found in the pixels; None before it searched
 
     def declared(self, info: RasterInfo) -> Self:
-        """Copy of this source with the nodata and offsets of `info`."""
+        """Copy of this source that has the description `info`, with the nodata and offsets to use."""
         found = copy.copy(self)  # by `__reduce__`: with a pool of its own, no deadline, and nothing read or found
         if info.nodatas != self.info.nodatas:
             left = iter(info.nodatas)
@@ -111,7 +111,7 @@ class RasterSource:
         return to_physical(raw, valid, scales, offsets)
 
     def read_raw(self, window: Window) -> tuple[Raw, Valid | None]:
-        """Read all bands of a window as file values, (band, row, column), and the mask of valid values.
+        """Read all bands of a window as file values, (band, row, column), and a mask of this shape, True where valid.
 
         Values have the type of the file, or the smallest type that can hold all bands. The mask follows from nodata,
         mask and alpha; it is None if everything is valid, and may be a read-only view. NaN and infinity count as valid

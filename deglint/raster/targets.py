@@ -221,7 +221,7 @@ class Scratch:
             said = f"{error.strerror or error}: {error.filename2 or error.filename or places[-1][1]}"
             raise WriteError(f"cannot move the result into place: {said}. {after}.") from error
         fresh = {target for _scratch, target in places}
-        _discard(*(beside for target in fresh for beside in _companions(target) if beside not in fresh))  # old ones
+        _discard(*(beside for target in fresh for beside in _companions(target) if beside not in fresh))  # of old files
         _discard(*kept)
 
 

@@ -62,7 +62,7 @@ def _in_polygons(shapes: Sequence[Mapping[str, Any]], transform: Any, bounds: Wi
     (top, bottom), (left, right) = window
     out = np.zeros((bottom - top, right - left), np.bool_)
     shared = [(max(a, b), min(c, d)) for (a, c), (b, d) in zip(window, bounds, strict=True)]
-    # the squares do not depend on the window, so that a centre on an edge falls to the same side in every window
+    # the squares do not depend on the window, so that a pixel centre on an edge is in the same polygon in every window
     down, across = (range(start // _POLYGON_CELL * _POLYGON_CELL, stop, _POLYGON_CELL) for start, stop in shared)
     for row, column in product(down, across):
         cell = geometry_mask(shapes, (_POLYGON_CELL, _POLYGON_CELL), _moved(transform, column, row), invert=True)
@@ -79,10 +79,10 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 
 
 def open_area(text: str, scene: Scene, option: str) -> Area:
-    """The area that a user gives as `text`: the name of a GeoJSON file or mask raster, or a window of pixels.
+    """The area that a user gives as `text`: the name of a GeoJSON file or mask raster (0: outside), or a window.
 
     A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of the option,
-    for messages. Raises ReadError or InputError if `text` is not valid, or if window or polygons lie off the scene.
+    for messages. Raises ReadError if a file cannot be read, InputError if `text` is not valid or is not on the scene.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -109,10 +109,10 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
 
 
 def polygons(document: Mapping[str, Any], scene: Scene, name: str) -> Area:
-    """The area of the polygons in a GeoJSON document; the name of its file, `name`, is used in messages.
+    """The area of the polygons in a GeoJSON document from file `name`. InputError if one is not valid or none exists.
 
-    The document's member `crs` names the CRS of the polygons. Without it, coordinates are longitude and latitude (RFC
-    7946), or in the scene's CRS if an |x| exceeds 360 or a |y| 90. In a scene without CRS, they are in its coordinates.
+    The document's member `crs` names their CRS. Without it, they are in longitude and latitude (RFC 7946), or in the
+    scene's CRS if an |x| exceeds 360 or a |y| 90. If the scene has no CRS, they are in its map or pixel coordinates.
     """
     from rasterio.warp import transform_geom
 
@@ -144,7 +144,7 @@ def _corners(shapes: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.float64]:
 
 
 def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[str, Any]]:
-    """GeoJSON features in the scene's CRS: outlines of True pixels of a mask that starts at `origin` (row, column)."""
+    """GeoJSON polygons of True pixels of a mask, in the scene's CRS; `origin`: row and column of its first pixel."""
     from rasterio.features import shapes
 
     moved = _moved(scene.transform or Affine.identity(), origin[1], origin[0])
@@ -154,7 +154,7 @@ def to_geojson(mask: Mask, origin: tuple[int, int], scene: Scene) -> list[dict[s
 
 
 def collection(features: Sequence[Mapping[str, Any]], scene: Scene) -> dict[str, Any]:
-    """A GeoJSON FeatureCollection of features in the scene's CRS, which the member `crs` names (if it has a code)."""
+    """A GeoJSON FeatureCollection of features in the scene's CRS, which its member `crs` names if it has a code."""
     document: dict[str, Any] = {"type": "FeatureCollection", "features": list(features)}
     authority = scene.crs.to_authority() if scene.crs is not None else None
     if authority:
@@ -211,7 +211,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
     apart = info.crs is None or scene.crs is None
     if apart and (info.height, info.width) == (scene.height, scene.width):
-        info = replace(info, transform=None)  # equal size: the grid of the scene
+        info = replace(info, transform=None)  # of the scene's size: it is assumed to be on the scene's grid
     if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
@@ -221,7 +221,7 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
 
 
 def middle_of(path: str) -> tuple[float, float]:
-    """Latitude and longitude [degree] of the centre of a raster, or of the bounding box of a GeoJSON file."""
+    """Latitude, longitude [degree] of the centre of a raster or of a GeoJSON file's bounding box, else InputError."""
     from rasterio.warp import transform
 
     if Path(path).suffix.lower() in (".geojson", ".json"):

@@ -60,7 +60,7 @@ class ArrayScene:
 
 
 def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | None = None) -> ArrayScene:
-    """Open a DataArray as a scene; no pixel is computed. Raises InputError or BandError if it does not fit.
+    """Open a DataArray as a scene; no pixel is computed. Raises InputError or BandError if it or `sensor` does not fit.
 
     array : its dimensions are y and x (or latitude and longitude, ...), and band if there are several bands, in any
         order; other dimensions, such as time, have the size 1. Wavelengths (in um if at most 30, else in nm) or common
@@ -89,7 +89,7 @@ def open_array(array: Any, *, sensor: str | None = None, nodata: float | str | N
 
 
 def axes(array: Any) -> tuple[Any, Any, Any]:
-    """Names of the dimensions of a DataArray for rows and columns (else InputError), and for bands (None if none)."""
+    """Names of a DataArray's dimensions of rows, columns and bands (or None). InputError without rows or columns."""
     known = {str(d).lower(): d for d in array.dims}
     rows, columns, band = (next((known[n] for n in names if n in known), None) for names in (_ROWS, _COLUMNS, BANDS))
     said = ", ".join(f"{d} {n}" for d, n in zip(array.dims, array.shape, strict=True))

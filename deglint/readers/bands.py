@@ -48,7 +48,7 @@ def bands_of(info: RasterInfo, stems: Sequence[str], sensor: str | None) -> tupl
 
     `stems`: for each band, its file's name without extension, or "". A band without a name is named after its file.
     `sensor`: preset or .toml file that the user selected (BandError if it does not fit), or None. The wavelength of a
-    band is that in a tag, else the number in its name, else the preset's, else that of a code, letter or colour in it.
+    band is in a tag, else a number in its name, else the preset's, else it follows from a code or colour in its name.
     """
     names, unnamed = _names(info, stems)
     bands = [
@@ -80,7 +80,7 @@ def _with_sensor(
 ) -> tuple[list[Band], str | None, list[str]]:
     """Add missing properties to bands, from the preset `sensor` or, if it is None, from the preset that a tag names.
 
-    `unnamed` is as in `apply_sensor`. Returns bands, name of the preset or .toml file (None: no tag fits), and notes.
+    `unnamed` is as in `apply_sensor`. Returns bands, name of the preset or .toml file used (or None), and notes.
     """
     if sensor is not None:
         asked = sensor_of(sensor)
@@ -100,7 +100,7 @@ def _with_sensor(
 
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
-    """Derive missing wavelengths from codes or colours in names, except for `unnamed` bands; return bands and notes."""
+    """Derive missing wavelengths from codes, letters or colours in names, not of `unnamed`; return bands and notes."""
     notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
@@ -125,7 +125,7 @@ def nominal_pixel(scene: Scene) -> float | None:
 def _dialect(names: Sequence[str]) -> Sensor | None:
     """The sensor that band names identify by unambiguous codes or words, or None.
 
-    Codes like B02 (with the zero), B8A or B12 identify Sentinel-2. So do 3 or more with B8 and without B5: in Landsat
+    Codes like B02 (with zero), B8A or B12 identify Sentinel-2. So do 3 or more codes with B8 and without B5: in Landsat
     8, B8 is the panchromatic band and B5 the NIR. SR_B6 identifies Landsat 8 or 9: Landsat 4 to 7 have no SR_B6.
     """
     plain = [sensors.normalise(n) for n in names]
@@ -165,7 +165,7 @@ def only_numbered(names: Sequence[str]) -> bool:
 
 
 def short_names(stems: Sequence[str]) -> list[str]:
-    """Derive names of bands from names of one-band files: a code ("B08"), else the part that differs between files."""
+    """Derive band names from file names (`stems`): a code ("B08"), else the part that differs, else the whole name."""
     codes = [re.findall(r"(?<![A-Za-z0-9])(B\d{1,2}A?)(?![A-Za-z0-9])", s, flags=re.IGNORECASE) for s in stems]
     rest = list(stems)
     if len(stems) > 1 and all(stems):
@@ -186,7 +186,7 @@ def apply_sensor(
 ) -> tuple[list[Band], list[str]]:
     """Add missing wavelengths, widths, time offsets and groups of bands from a preset; return the bands, and notes.
 
-    `unnamed` has the 0-based indexes of bands that are not named, or only numbered; they get the preset's names.
+    `unnamed`: 0-based indexes of bands not named, or only numbered; they get the preset's names. Errors as in `match`.
     """
     matched, how = match(bands, sensor, unnamed)
     filled = []
@@ -285,9 +285,9 @@ def sensor_of(name: str) -> Sensor:
 
 
 def optics_of(scene: Scene) -> dict[str, float] | None:
-    """Optics of a scene, as keyword arguments of `compensate.psf.system_psf`; None if they are not known.
+    """Optics: `f_number`, `pitch` [m] and perhaps `smear` [pixel], for `compensate.psf.system_psf`; None if not known.
 
-    They follow from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else from the preset of the sensor.
+    They follow from the tags F_NUMBER, PIXEL_PITCH_UM and SMEAR_PIXELS, else (without smear) from the sensor's preset.
     """
     info: RasterInfo | None = getattr(scene.source, "info", None)
     tags = {k.upper(): v for part in ([] if info is None else info.tags.values()) for k, v in part.items()}

@@ -22,13 +22,13 @@ from .text import positive
 
 _SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
-_NEGLIGIBLE_DISTORTION = 0.01  # of lengths in a map projection, relative; that of UTM is at most 0.001
+_NEGLIGIBLE_DISTORTION = 0.01  # relative; below it, a projection's lengths are used as they are (UTM: up to 0.001)
 
 
 def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[list[FileBands], RasterInfo, list[str]]:
     """Put files on one grid: return their bands in order, the description of the file with that grid, and notes.
 
-    `grid` selects the file: "finest" or None (the smallest pixels), its 1-based number, or (the end of) its name.
+    `grid` selects that file: "finest" or None (smallest pixels), 1-based number, or end of name. InputError on failure.
     """
     for attribute, what in (("crs", "coordinate reference system"), ("transform", "place (geotransform)")):
         without = [i.paths[0] for i in infos if getattr(i, attribute) is None]
@@ -152,9 +152,9 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
 
 
 def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> list[FileBands]:
-    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by method `how`.
+    """The bands of a file, which GDAL resamples to the grid of `reference` at each read, by rasterio's method `how`.
 
-    GDAL can leave out only one nodata value of a file: successive bands with the same value form one `FileBands`.
+    GDAL can ignore only one nodata value per file. Therefore each run of bands with the same value is one `FileBands`.
     """
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
@@ -173,7 +173,7 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
         "height": reference.height,
         "width": reference.width,
         "resampling": Resampling[how],
-        "tolerance": 1e-4,  # [pixel]; positions depend on the window by this much
+        "tolerance": 1e-4,  # [pixel]; largest difference between the places of a pixel that is read in two windows
         "src_nodata": None,
         "nodata": None,
         "UNIFIED_SRC_NODATA": "NO",  # a pixel may be nodata in one band alone, or masked
@@ -188,10 +188,10 @@ def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> lis
 
 
 def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[float, float] | None:
-    """Sides of the central pixel of a raster on the ground [m]: along a row, and along a column.
+    """Sides on the ground [m], along a row and a column, of the central pixel of a raster of `height` x `width` pixels.
 
     They are distances on the ellipsoid: coordinates may be in degrees, and the metres of web Mercator are too long by
-    the factor 1 / cos(latitude). `height`, `width`: size of the raster [pixel]. None without a valid CRS and transform.
+    1 / cos(latitude). If a projection distorts by up to 1 %, its lengths are returned. None without CRS and transform.
     """
     from rasterio.warp import transform as to_crs
 
@@ -216,7 +216,7 @@ def ground_size(transform: Any, crs: Any, height: int, width: int) -> tuple[floa
 
 
 def pixel_size(scene: Scene) -> float | None:
-    """Mean side of a pixel [m] on the ground; without a transform, from tag GSD_M, else the sensor. None if unknown."""
+    """Geometric mean of a pixel's sides on the ground [m]; without transform, from tag GSD_M or the sensor; or None."""
     info = getattr(scene.source, "info", None)
     if scene.transform is None or scene.transform.is_identity:
         tags = info.tags.get("", {}) if info is not None else {}

@@ -112,7 +112,7 @@ def _stacked(
     notes: list[str] = []
     assets = [asset for path in paths for asset in assets_of(path)]
     count = max(len(given["bands"]), len(given["wavelengths"]))
-    # of several files, a number of names, or of the near infrared, is not that of a band of each
+    # with several files, the number of names and the number of the NIR band refer to their stack, not to one file
     alone, own = (count, nir) if len(assets) == 1 else (0, None)
     opened = []
     for asset in assets:

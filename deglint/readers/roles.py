@@ -128,7 +128,7 @@ def _no_nir(scene: Scene) -> str:
 
 
 def _example_of(scene: Scene, *, hidden: bool) -> str:
-    """Example for --bands: bands of known wavelength keep names; "nir" is alpha if `hidden`, else the first unknown."""
+    """Example for --bands: known bands keep names; "nir" is the alpha band if `hidden`, else the first unknown band."""
     known = _wavelengths(scene)
     if not any(known):
         return example_names(len(known) + hidden)
@@ -183,8 +183,8 @@ def find_band(scene: Scene, wanted: str | int) -> int:
 def _by_role(scene: Scene, role: str) -> int | None:
     """0-based index of the band with a role (a key of `_ROLES`), or None.
 
-    It is the band nearest to the preferred wavelength, in the first range of the role that contains a band. Wavelengths
-    from names are used last: "depth Green" beside a green band is not a band of the sensor.
+    It is the band nearest to the preferred wavelength, in the first range of the role that contains a band. Only if no
+    stated wavelength is in a range, nominal ones from names are used: "depth Green" may be beside a true green band.
     """
     for waves in ([b.wavelength for b in scene.bands], _wavelengths(scene)):
         for (low, high), centre in _ROLES.get(role, ()):

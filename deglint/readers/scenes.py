@@ -1,7 +1,7 @@
 """Find the files and bands of STAC Items, and list the scenes of a batch (a command that processes many scenes).
 
 An Item can be named instead of a raster, by a local file or URL, by "FILE#ID" if FILE is an ItemCollection, and by
-"FILE#ID#KEY,KEY" to select some of its assets. A batch takes names of files, patterns, a CSV or STAC collections.
+"FILE#ID#KEY,KEY" to select some of its assets. A batch takes names of files, patterns, CSV files and ItemCollections.
 """
 
 import csv
@@ -134,7 +134,7 @@ def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) 
 
 
 def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
-    """Keys of assets with one band, in order of wavelength, else of the only image, else InputError about `what`."""
+    """Keys of the assets used by default, as in `list_scenes`; else InputError, in which `what` names the Item."""
     rasters = {k: a for k, a in assets.items() if isinstance(a, Mapping) and _RASTER.match(str(a.get("type", "")))}
     roles = {k: a["roles"] if isinstance(a.get("roles"), list) else [] for k, a in rasters.items()}
     usable = {k: a for k, a in rasters.items() if not _NO_DATA & {str(k), *map(str, roles[k])}}
@@ -165,11 +165,11 @@ def _chosen(assets: Mapping[str, Any], what: str) -> list[str]:
 
 
 def _said(asset: Any, key: str, file: str = "", *, applied: bool = False) -> list[tuple[dict[str, Any], ProductBand]]:
-    """What an Item states about each band of an asset, also as a `ProductBand`; `file` is the GDAL name of its file.
+    """What an Item states about each band of an asset, as a dict and a `ProductBand`; `file`: GDAL name of its file.
 
     It is read as in STAC 1.1 ("bands"), or as in earlier extensions ("eo:bands", "raster:bands"). Where "name" is
     missing, `ProductBand.name` is `key`. If `applied`, the provider has applied the offset: the returned one is 0.
-    "gsd" is the size of a pixel [m], infinite if it is not stated.
+    Keys of the dict have no prefix; its "gsd" is the size of a pixel [m], infinite if it is not stated.
     """
     given = [asset.get(n) for n in ("bands", "eo:bands", "raster:bands")] if isinstance(asset, Mapping) else []
     lists = [n for n in given if isinstance(n, list) and all(isinstance(b, Mapping) for b in n)]
@@ -224,8 +224,8 @@ def list_scenes(given: Sequence[str], assets: Sequence[str] = ()) -> list[Listed
     given : the arguments: GDAL names; products (a folder, an archive or a metadata file); patterns of local files with
         *, ? or [; a CSV file (.csv) whose column `path` has the file of a scene (several are separated by ";") and
         whose optional column `name` has the name of the scene; a STAC ItemCollection or Item (.json, .geojson, URL)
-    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty, the assets declared as
-        bands are used; if there are none, the only raster with the role "data", or else the only raster
+    assets : keys of the assets of a STAC Item that contain its bands, in this order. If empty: those with one band, by
+        wavelength; if fewer than two, the only one with several bands, else the only raster with role "data", or at all
     """
     found = [scene for text in given for scene in _of_argument(text, assets)]
     if not found:
@@ -261,7 +261,7 @@ def _scene_name(path: str) -> str:
 
 
 def checked_name(name: str, origin: str) -> str:
-    """Return the name of a scene if it can be part of a file name; else raise InputError, which states `origin`."""
+    """Return a scene's name if it can be part of a file name; else raise InputError, which states its file `origin`."""
     if not 0 < len(name) <= LONGEST_NAME or name.startswith(".") or re.search(r"[/\\\x00-\x1f\x7f]", name):
         raise InputError(
             f"{origin}: a scene is called {name!r}, of which no file name can be made. Allowed are 1 to "

@@ -21,8 +21,8 @@ _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is in micrometres
 _WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
-SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag or a name can be a wavelength in this range [nm]
-_WIDEST_FILLED_TYPE = 16  # integer types of up to this number of bits are assumed to be filled by detectors
+SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag, or with a unit in a name, can be a wavelength here [nm]
+_WIDEST_FILLED_TYPE = 16  # integer types of up to this number of bits are assumed to saturate at their largest value
 Spectral = tuple[float | None, float | None]
 """Centre wavelength and full width at half maximum of a band [nm]; None if not known."""
 
@@ -69,7 +69,7 @@ _BARE = re.compile(
     _NAME_PREFIX + r"(band|b|wl|wavelength|lambda|r|rrs|rho[a-z]{0,3})?[\s_\-]*(\d{3,4}(?:\.\d+)?|[0-2]\.\d{2,})"
 )
 _CODE = re.compile(_NAME_PREFIX + r"(?:band|b)[\s_\-]*0*(\d{1,2}a?)(?:[\s_\-]*\d{2}m)?")
-_RANGE = (380.0, 2500.0)  # a number in a name can be a wavelength in this range [nm]
+_RANGE = (380.0, 2500.0)  # a number without a unit in a name can be a wavelength in this range [nm]
 _YEARS = (1970.0, 2100.0)  # a number without a unit in this range can be a year
 _NEAR_NOMINAL = 0.4
 """A number beside a colour word is a wavelength if it differs from the nominal one by less than this share."""

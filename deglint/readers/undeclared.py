@@ -39,7 +39,7 @@ S2_FLOOR, S2_DARK, S2_LEAST = (950, 1150), 1300, 500
 """If file values include the offset, the minimum of the darkest band (percentile 0.1) lies in the first range, and no
 minimum of a NIR or SWIR band exceeds the second value, as water and shadow reflect almost nothing there. Minima below
 the range, after an atmospheric correction that subtracts too much, do not show whether it is included. If the minimum
-of a NIR or SWIR band is below the third value (with the offset, a reflectance of -.05), it is not included."""
+of a NIR or SWIR band is below the third value (with the offset, a reflectance of -.05), the offset is not included."""
 VISIBLE = 700.0  # water is dark at longer wavelengths [nm]
 ORDER = ("blue", "green", "red", "nir")
 """Usual order of four bands without names; red and blue may be exchanged. It is assumed if the last band is the darkest
@@ -126,7 +126,7 @@ def _tiles(scene: Scene) -> list[Tile]:
 
 
 def _nodata(value: float, same: list[Alike], blocks: list[Block], scene: Scene, info: RasterInfo) -> Undeclared:
-    """Take `value`, which all bands have, for nodata if its areas are large and it is not saturated.
+    """Findings with `value`, which all bands have, as nodata; no findings if its areas are small or it is saturated.
 
     A band that also has this value in many pixels where other bands have other values gets no nodata.
     """

@@ -44,7 +44,7 @@ class Method:
 
     summary: str  # one line for `--help` and the documentation
     fit: Callable[[FitRequest, Any], GlintModel]
-    plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None where no sample is needed
+    plan: Callable[[FitRequest], SamplePlan] | None = None  # statistics to gather; None if it needs none
     regresses: bool = False  # `--regression` selects the estimator of the slopes
     neighbours: bool = False  # the method uses neighbouring pixels, so it is fitted to tiles
 
@@ -87,17 +87,19 @@ def fit(
     block : (band, row, column) ndarray
         Physical values, NaN or masked where not valid.
     nir : int or sequence of int
-        0-based NIR band or bands; the mean of several bands is the reference unless the option `use` says otherwise.
+        0-based NIR band or bands; the option `use` (see `nir_request`) says how several of them serve as reference.
     sample : (row, column) bool ndarray, optional
-        True over deep water with glint; by default every valid pixel is used.
+        True over deep water with glint; by default every valid pixel is used. All valid pixels count as water.
     bands : sequence of Band, optional
         Names and wavelengths; "band 1", "band 2", ... by default.
     **options
-        regression, floor_percentile, rrs_factor: see `FitRequest`; use, correct: see `nir_request`.
+        regression, floor_percentile, rrs_factor: see `FitRequest`; use, correct: see `nir_request`. The default
+        regression of wiener is "detrended", that of other methods "ols".
 
     Returns
     -------
     GlintModel
+        With a warning and without `fits` if wiener finds no glint that is worth removing.
 
     Raises
     ------
@@ -159,8 +161,8 @@ def nir_request(
 ) -> FitRequest:
     """Make the request for a fit from all bands of the scene and the NIR bands, `nir` (0-based).
 
-    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the NIR band that explains the
-        band best; "set", the NIR band that is taken at the same time (`Band.group`)
+    use : reference of a band if there are several NIR bands: "mean", their mean; "best", the one that explains the band
+        best; "set", the one that is taken at the same time (`Band.group`). wiener takes the first for "mean" and "best"
     correct : 0-based bands to correct; by default those of shorter wavelength than the longest NIR band, or all others
         if none of them has a wavelength. If only some have one, the rest is copied: it may be masks or classes
     options : regression, floor_percentile, rrs_factor: see `FitRequest`
@@ -185,7 +187,7 @@ def nir_request(
 
 
 def _numbers(value: int | Sequence[int], count: int, name: str) -> list[int]:
-    """The argument `name` as a list of bands; InputError if it is empty or not of integers 0 to `count` - 1."""
+    """`value` as a list of bands; InputError, naming it `name`, if it is empty or not of integers 0 to `count` - 1."""
     found: list[int] = np.atleast_1d(value).tolist()
     if not all(isinstance(b, int) for b in found):
         raise InputError(f"{name}: want 0-based numbers of bands of the array, got {described(value)}.")

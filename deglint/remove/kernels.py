@@ -4,9 +4,10 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 
 The vector v(x) has the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b), all
 minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
-of `CELL` x `CELL` pixels of the sample. The response of a kernel is the sum of its coefficients; its support is the
-side of its window on each reference. The fit is repeated without each group of squares in turn: residuals in the group
-that is left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
+of `CELL` x `CELL` pixels of the sample. The response of a kernel is the change of the band if the NIR rises by 1: the
+sum of its coefficients, with those on other references times the slope of these on the NIR. Its support is the side of
+its window on each reference. The fit is repeated without each group of squares in turn: residuals in the group that is
+left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ KERNEL_RIDGE = 1e-6  # ridge for singular matrices, relative to the mean of the 
 SUPPORTS = ((1,), (3,), (3, 1), (3, 3), (5,), (5, 3))  # sides of kernels on first and second reference [pixel]
 WITH_SWIR = ((1, 1), (3, 1), (3, 3), (5, 3))
 """The same if the second reference is SWIR. SWIR is then always used: it distinguishes glint from turbid water, which
-is bright in the NIR, and the noise by which supports are compared does not show this advantage."""
+is bright in the NIR, and the residuals by which supports are compared do not show this advantage."""
 WORTH, WORTH_WIDER = 0.01, 0.002
-"""Least relative reduction of noise by the removal; and by a wider kernel or a second reference, which costs time."""
+"""Least relative reduction of RMS residuals by a removal; by a wider kernel or second reference, which costs time."""
 FOLDS = 16  # groups of squares that are left out in turn: an error estimated from 16 groups has an uncertainty of 18 %
 
 
@@ -140,7 +141,7 @@ def merge(parts: Sequence[LagGrams]) -> LagGrams:
 
 
 def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float64:
-    """Coefficients (input, output) of a ridge regression; `inputs` and `outputs` are rows of variables in `gram`."""
+    """Coefficients (input, output) of a ridge regression; `inputs` and `outputs` are indices of rows of `gram`."""
     power, cross = gram[np.ix_(inputs, inputs)], gram[np.ix_(inputs, outputs)]
     if len(inputs) == 1:
         return np.asarray(cross / power, np.float64) if power[0, 0] > 0 else np.zeros_like(cross)
@@ -149,9 +150,7 @@ def solve(gram: Float64, inputs: Sequence[int], outputs: Sequence[int]) -> Float
 
 
 def unexplained(gram: Float64, inputs: Sequence[int], outputs: Sequence[int], coefficients: Float64) -> Float64:
-    """Residual sum of squares (..., output) with `coefficients` (input, output); other arguments are as in `solve`,
-    but `gram` may have leading axes, for several Gram matrices.
-    """
+    """Residual sum of squares (..., output) of `coefficients` (input, output); `gram` (..., row, row); see `solve`."""
     rows = gram[..., inputs, :]
     power, cross = rows[..., inputs], rows[..., outputs]
     rest = gram[..., outputs, outputs] - 2 * (coefficients * cross).sum(axis=-2)
@@ -208,7 +207,7 @@ def fit_kernels(band_set: BandSet, grams: LagGrams) -> list[KernelFit]:
 
 
 def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outputs: list[int]) -> Float64:
-    """Residual power (group, band) in each group, of kernels fitted to the others, over the band's power in all."""
+    """Residual power (group, band) in each group, fitted to the others (if any), over the band's power in all."""
     power, alone = total[outputs, outputs], len(groups) == 1
     left = [unexplained(g, inputs, outputs, solve(total if alone else total - g, inputs, outputs)) for g in groups]
     shares = np.array(left) / np.maximum(power, np.finfo(float).tiny)
@@ -225,7 +224,7 @@ def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, 
 
 
 def _within_chance(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Supports (sides of kernels) whose noise exceeds the least by at most `WORTH_WIDER`, or by one standard error.
+    """Supports (sides of kernels) whose RMS residual exceeds the least by at most `WORTH_WIDER` or one standard error.
     losses : residual power in each group of squares, (group,), by support; smallest support first, as in the result
     """
     least = min(losses, key=lambda s: float(losses[s].sum()))
@@ -251,7 +250,7 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
 
 
 def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    r"""Responses s, (band,), of `bands` bands, and their covariance V, (band, band), by the jackknife over G groups.
+    r"""Responses s of `bands` bands, (band,), in fits `found`; covariance V, (band, band), by jackknife over G groups.
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 

@@ -1,9 +1,8 @@
 """Kutser, Vahtmae and Praks (2009): glint by the depth of the oxygen absorption at 760 nm.
 
 Light that the surface reflects shows the oxygen absorption of the atmosphere; light from a shallow bright bottom shows
-it weakly. The glint index is therefore the depth of this absorption instead of the NIR, and the method works where
-water is not black in the NIR. It needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data that are
-not corrected for the atmosphere.
+it weakly. The glint index is the depth of this absorption, so the method works also where water is not black in the
+NIR. It needs narrow bands at 739, 760 and 775 nm (imaging spectrometers) and data before atmospheric correction.
 """
 
 from dataclasses import replace

@@ -22,16 +22,16 @@ from ..scene import FloatArray
 from .kernels import FOLDS
 
 _BINS_PER_BANDWIDTH = 8  # histogram bins per bandwidth
-_BANDWIDTH_REACH = 4  # bandwidths at which the kernel is truncated
-_MOST_BINS = 1 << 20
+_BANDWIDTH_REACH = 4  # distance at which the Gaussian kernel is truncated [bandwidth]
+_MOST_BINS = 1 << 20  # most bins of a histogram, so that outliers do not make it too large
 MOSTLY_CLEAR, SPARSE, SHEET_SPAN = 0.05, 0.1, 0.3
-"""Limits of the span (`span_of`) between clear, sparse and dense glint and a sheet of it. The span is the range of the
-lower half of the predictions (the NIR that the kernels predict), relative to the range from their median to their 99th
-percentile: .007 to .02 for pixels that resolve sparkle, .2 at 5 m, .32 to .5 at 10 m."""
+"""Limits of the span (`span_of`) below which glint is clear, sparse or dense; else it is a sheet. The span is the range
+of the lower half of the predictions (the NIR that the kernels predict), relative to the range from their median to
+their 99th percentile: .007 to .02 for pixels that resolve sparkle, .2 for pixels of 5 m, .32 to .5 for 10 m."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""Glint is rare, at any span, if the distance of the 1st percentile of the predictions from the median is more than
-`NORMAL_TAIL` times the distance of the 10th (1.82 for noise with a normal distribution), and if the even share
-(`even_share`) is below `RARE`, as for rare sparkle."""
+"""If waves are resolved, glint is clear (rare from a span of `SPARSE` on) also if the 1st percentile of the predictions
+is more than `NORMAL_TAIL` times as far from the median as the 10th (1.82 for noise with a normal distribution), and if
+the even share (`even_share`) is below `RARE`, as for rare sparkle."""
 LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares with the least glint, see `GLINT_KINDS` [%]
 AVERAGED = 3  # side of the window of the means and of the binomial filter in `GLINT_KINDS` [pixel]
 GLINT_KINDS = {
@@ -52,14 +52,14 @@ STRONG_PERCENTILE, PIT = 98.0, 7
 """Percentile of the predictions above which glint is strong [%], and side of the square around such a pixel that is
 excluded because of negative lobes [pixel]: two lobes of a Lanczos kernel and the kernel of the removal."""
 NEGATIVE = 0.1  # share of pixels with little glint (or of local means) that may be negative after removal [%]
-SUBTRACTED = 0.05  # share of negative pixels from which 0 is no limit of a band: water itself is below it
+SUBTRACTED = 0.05  # share of negative values before removal from which a band may become negative, as its water is so
 DARKER = 0.75
 """Largest ratio of NIR to visible of water, divided by the same ratio of glint. It rises with sediment (Doxaran et al.
 2002, Remote Sensing of Environment 81, 149-161, doi:10.1016/S0034-4257(01)00341-8) and exceeds .75 in the most
 turbid estuaries only; mirrored sky and haze have .4 to .75."""
 LEVEL_PIXELS = 50_000  # pixels from which the error of the level is estimated: about 100 of them have the least glint
 LEAST_OF_MEDIAN = 0.5
-"""Largest ratio of the least glint to the median glint of a sheet, uneven by waves: .23 to .48 at 1.6 to 10 m."""
+"""Largest ratio of least to median glint of a sheet, which waves make uneven: .23 to .48 for pixels of 1.6 to 10 m."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:
@@ -103,7 +103,7 @@ def even_share(sample: npt.NDArray[np.floating]) -> float:
 
     The share is about 1 for noise and nearly 0 for glint. Glint only adds light, so variation below the median has
     other causes, noise or reflected sky, which contribute as much above the median. The share is 2 L / (L + U), with L
-    and U the mean square distance from the median in the lower and in the upper half. If L > U, the share is above 1.
+    and U the mean square distance from the median in the lower and the upper half; above 1 if L > U, 0 if L + U is 0.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def _step(ordered: Float64) -> float:
 
 
 def _peak(counts: Float64) -> float:
-    """Position [bin] of the largest of `counts` (bin,), refined by a parabola; of equal ones, middle of first run."""
+    """Position [bin] of the maximum of `counts` (bin,), refined by a parabola; the middle of the first run of ties."""
     tops = np.flatnonzero(counts == counts.max())
     if len(tops) > 1:
         run = tops[: np.argmax(np.diff(tops, append=tops[-1] + 2) > 1) + 1]
@@ -162,7 +162,7 @@ def _peak(counts: Float64) -> float:
 
 
 def apart_from_sparkle(together: FloatArray, sample: Mask) -> Mask:
-    """Sample not near strong glint (darkened there by resampling); `together`: sum over bands of slope x prediction."""
+    """The `sample` without pixels near strong glint, which resampling darkens; `together`: slopes @ predictions."""
     return sample & ~grown(together > np.percentile(together[sample], STRONG_PERCENTILE), PIT)
 
 
@@ -199,9 +199,9 @@ def shared_level(
     a sheet all pixels may have glint. If each pixel contains several waves, the chosen level is therefore lowered to
     the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band, s its slope, p
     its prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a
-    visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. But the least
-    glint is at most `LEAST_OF_MEDIAN` times its median. If waves are resolved, the level is not lowered, as some of
-    them face away from the sun.
+    visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. The level is
+    lowered only so far that the least glint is at most `LEAST_OF_MEDIAN` times the median glint, and not below the
+    lowest level. If waves are resolved, it is not lowered, as some of them face away from the sun.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))

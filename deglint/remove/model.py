@@ -1,13 +1,14 @@
 """The linear model that all methods fit.
 
 All methods compute a *glint index* g of each pixel - the NIR band, or a weighted sum of bands - and subtract from every
-other band, with the value L_i, a multiple of the excess of g over its glint-free level g0:
+corrected band, with the value L_i, a multiple of the excess of g over its glint-free level g0:
 
     L'_i = L_i - b_i (g - g0)
 
 L'_i is the result. Methods differ only in the index, in the slopes b_i and in the level g0, so that one class can
 represent all of them. Most methods process each pixel alone. An index with offsets is a kernel over neighbouring
-pixels: a tile then needs `GlintModel.halo` more pixels on every side. The result is the same to the bit for any tiles.
+pixels: a tile then needs `GlintModel.halo` more pixels on every side. A model with kernels never makes a pixel brighter
+(unless it is `signed`), or darker than `BandFit.floor`. The result is the same to the bit for any tiles.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ class BandFit:
     name: str
     index: int  # position of the glint index in `GlintModel.indexes`
     slope: float  # b_i [unit of the band per unit of the index]
-    stderr: float | None = None  # standard error of the slope; None if the method does not estimate the slope
-    r2: float | None = None  # share of the band's variance in the sample that the index explains
+    stderr: float | None = None  # standard error of the slope; None if the method does not estimate it
+    r2: float | None = None  # share of the band's variance in the sample that the index explains; None without sample
     n: int = 0  # pixels of the sample that were fitted
     floor: float | None = None  # the removal makes no pixel darker than this [unit of the band]; None: no limit
 
@@ -90,7 +91,7 @@ class GlintModel:
     second : tuple of GlintIndex
         Glint indexes for the second kind of strip, in the order of `indexes`; empty without strips.
     signed : bool
-        True if a "wiener" model also adds light where it predicts less than its level: a mixture, after an opening.
+        True if kernels may also add light, where they predict less than the level (`deglint.remove.mixture`).
     """
 
     method: str

@@ -12,7 +12,7 @@ FAINT = 10.0
 """Glint at which the error that kernels leave, about a tenth of it, equals the noise [standard deviations of noise]."""
 LEAST_NOISE, HIDDEN_NOISE = 1e-6, 0.01
 """Relative to the strongest glint: noise below `LEAST_NOISE` is hidden by rounding (a step of 16 bits is 1.5e-5), and
-taken for `HIDDEN_NOISE`, with which the strongest glint has a weight of 1 %."""
+is set to `HIDDEN_NOISE`, with which the strongest glint has a weight of 0.01 (see `faint_weight`)."""
 
 
 def spread(values: FloatArray) -> float:
@@ -21,9 +21,9 @@ def spread(values: FloatArray) -> float:
 
 
 def noise(planes: Sequence[FloatArray], inside: Sequence[Mask]) -> float:
-    """Standard deviation of a band's noise over water, from second differences along columns in the darker pixels.
+    """Standard deviation of a band's noise [its unit], from second differences along columns in the darker half; > 0.
 
-    planes, inside : for each tile, values of the band and mask of the pixels to use, (row, column) each
+    planes, inside : for each tile, finite values of the band and mask of the pixels to use, (row, column) each
 
     After Immerkaer (1996), Computer Vision and Image Understanding 64, 300-302, doi:10.1006/cviu.1996.0060.
     """

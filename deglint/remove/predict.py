@@ -124,12 +124,12 @@ def apply(
     Parameters
     ----------
     block : (band, row, column) float32 or float64 ndarray
-        Physical values, NaN or masked where not valid. Not modified.
+        Physical values, NaN or masked where not valid. With strips in the model, the scene from its first pixel on.
     model : GlintModel
     where : (row, column) bool ndarray, optional
         True where pixels are corrected; others are copied. A model with kernels takes it as the mask of water, too.
     out : ndarray like block, optional
-        Array for the result; may be `block` itself.
+        Array for the result; may be `block` itself, which otherwise is not modified.
 
     Returns
     -------

@@ -21,8 +21,8 @@ from .noise import noise
 
 LEAST_OPEN = 0.15  # least share of open water in a square of `CELL` pixels that is used for a fit
 QUARTILE, FACTOR = 25, 2.5
-"""A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile of the largest excess in a square.
-Ships raise the maxima in the squares of a port, while a long tail of sparkle is in every square."""
+"""A pixel may exceed its local mean by `FACTOR` times the `QUARTILE`-th percentile, over squares, of the largest excess
+in each. Ships increase the maxima of few squares, those of a port, while a long tail of sparkle is in every square."""
 OFTEN = 99.0
 """Percentile of the excess over the local mean. Above it are more pixels than ships have, even in a port. If it exceeds
 the limit, the bright pixels are glint, on a part of the scene."""
@@ -39,7 +39,7 @@ class ReferenceRule:
     limit: float  # largest excess of glint above the mean of the water around it [unit of the band]
     least: float  # smaller values cannot exceed the water around them by more than `limit` [unit of the band]
     low: float  # for local means, values are quantised: (value - low) / step as integers [unit of the band]
-    step: float
+    step: float  # [unit of the band]
     edge: int = 1  # width of the mixed pixels around anything that is not open water [pixel]
     noise: float = 0.0  # standard deviation of the noise that `clean` reduces [unit of the band]; 0: not reduced
 
@@ -92,11 +92,12 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
     """Replace pixels of a reference that are no open water, or too bright for glint, by the mean of the water around.
+    Its noise is then reduced if `rule.noise` is not 0 (`_less_noisy`).
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
     water : (row, column), True over water; ships may be True or False
 
-    Returns the new reference, (row, column), or `values` itself if nothing is replaced; it is 0 where there is no water
+    Returns the new reference, (row, column), or `values` itself if nothing is changed; it is 0 where there is no water
     around. Also returns a mask of open water that was too bright for glint, with the pixels next to it; None if none.
     """
     out, over = _replaced(values, water, rule)
@@ -134,11 +135,11 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
     kept = inner = water if everywhere else water & ~grown(~water, 2 * rule.edge + 1)
     grains, over = _grains(values, rule), None
     bright &= inner
-    for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship does not raise its own sea
+    for _ in range(2 if bright.any() else 0):  # again without what exceeded: a ship brightens the mean around itself
         total, count = (sums[bright] for sums in _sums(grains, kept))
         found = np.zeros_like(bright)
         found[bright] = (count >= LEAST_LOCAL) & (values[bright] > _mean(total, count, rule) + rule.limit)
-        if not found.any():  # nor does anything the second time
+        if not found.any():  # then nothing is found in the second round
             break
         over = grown(found, 2 * rule.edge + 1) & inner
         kept = inner & ~over
@@ -147,7 +148,7 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
     out = np.zeros_like(values)
     total, count = _sums(grains, kept)
     np.copyto(out, _mean(total, count, rule), where=count > 0, casting="same_kind")
-    if not count.all():  # narrow water is all edge, and has its own mean
+    if not count.all():  # narrow water is all edge: its mean includes the edge
         total, around = _sums(grains, water)
         np.copyto(out, _mean(total, around, rule), where=(count == 0) & (around > 0), casting="same_kind")
     np.copyto(out, values, where=kept)

@@ -22,7 +22,7 @@ SIGNIFICANT = 3.0  # a slope that exceeds zero by fewer standard errors has a wa
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """What to fit: the bands to correct, their references, and the options of a method."""
+    """What to fit: bands to correct, references and options; InputError if one is out of range or no band is left."""
 
     bands: tuple[Band, ...]  # all bands of the scene
     correct: tuple[int, ...]  # 0-based bands to correct
@@ -51,7 +51,7 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band of `correct`: first band of the index in `follows` (of index 0 if None)."""
+        """0-based NIR band of each band of `correct`, for kernels: first of its index in `follows` (0 if None)."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
@@ -67,7 +67,7 @@ class FitRequest:
 
 
 def regression_plan(request: FitRequest, *, keep_index: bool = False) -> SamplePlan:
-    """Statistics for a fit: moments; single pixels if the regression, `floor_percentile` or `keep_index` needs them."""
+    """Plan for a fit: moments, of deviations from local means if "detrended"; single pixels if options need them."""
     size = LOCAL_MEAN if request.regression == "detrended" else 0
     index = "index" if keep_index or request.floor_percentile > 0 else "nothing"
     keep = "all" if request.regression in ("huber", "theil-sen") else index
@@ -106,7 +106,7 @@ def linear_model(
 
 
 def check_sample(request: FitRequest, stats: SampleStatistics) -> None:
-    """Raise FitError if the sample has too few pixels, the NIR does not vary, or squares over- or underflow."""
+    """Raise FitError if the sample has too few pixels, the NIR does not vary, or squared values over- or underflow."""
     if stats.regressed.n < MIN_PIXELS:
         raise FitError(
             f"sample holds {stats.regressed.n} valid pixels, need at least {MIN_PIXELS} to fit a slope. "

@@ -193,7 +193,7 @@ REGRESSIONS: dict[str, Callable[[SampleStatistics], Float64]] = {
     "huber": huber,
     "theil-sen": theil_sen,
 }
-"""Estimators of the slope of each band against each index, (band, index)."""
+"""Estimators of slopes, (band, index). "detrended": least squares after local means are subtracted (`SamplePlan`)."""
 
 
 def standard_error(stats: SampleStatistics, slope: Float64) -> Float64:

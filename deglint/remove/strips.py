@@ -18,8 +18,8 @@ from ..moments import CELL, Float64, Mask
 from .kernels import LagGrams, solve, unexplained
 
 SPLIT_WORTH = 0.15
-"""Least relative reduction of noise by two kernels instead of one with which a scene has two kinds of strips: 0.27 in a
-scene of two detectors, 0.00 to 0.06 in scenes of one."""
+"""Least relative reduction of the RMS residual by two kernels instead of one, from which on a scene has two kinds of
+strips: 0.27 in a scene of two detectors, 0.00 to 0.06 in scenes of one."""
 ROUNDS = 20  # iterations in which squares are assigned to the better kernel; they converge within five
 LEAST_SQUARES_OF_KIND = 2  # fewest squares of each kind of strip in the sample, for separate kernels
 

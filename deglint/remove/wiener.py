@@ -4,10 +4,10 @@ r"""Wiener filter: each band's glint is predicted from a small neighbourhood of 
 
 R_r is a reference, read at the offsets o: the NIR taken at the time of the band, then SWIR or another NIR if there is
 one, with ships, surf and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by
-least squares over open water, with a local plane subtracted from every band (`deglint.remove.kernels`). They model
-displacement and blur between the glint of two bands, and average the noise of the reference. The sum of a kernel
-(response to uniform glint) is shifted toward the spectrum of glint (`shared_glint`). All bands are corrected, or none.
-The levels p_b0 are found together (`levels`). With one pixel, no plane and the minimum as level it is Hedley's method.
+least squares over open water, minus a local plane in every band (`deglint.remove.kernels`). They model displacement and
+blur between the glint of two bands, and average the noise of the reference. The sum of a kernel (response to uniform
+glint) is shifted toward the spectrum of glint (`shared_glint`). All bands are corrected, or none. The levels p_b0, and
+lower limits of L'_b, are in `levels`. With one pixel, no plane and the minimum as level it is Hedley's method.
 
 It fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
@@ -47,8 +47,8 @@ SHEET = 0.5
 """Ratio of glint-free NIR to green after removal above which there is a warning: the NIR may contain an even sheet of
 glint. Clear and moderately turbid water has .05 to .4, including light scattered by the air."""
 UNLIKE = 40.0
-"""Ratio of the variance that a band does not share with the NIR to its lower quartile over the sample, above which the
-NIR shows the bottom or sediment: more than glint varies over pixels wider than waves, and less than a reef does."""
+"""Ratio of a band's local variance that the NIR does not explain to the lower quartile of this variance in the sample.
+Above it the NIR shows the bottom or sediment: glint varies less over pixels wider than waves, a reef varies more."""
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
@@ -116,7 +116,7 @@ def fit(
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
-    """Leave out the wavelengths of bands that are constant or missing: they then serve as no second reference."""
+    """The request without wavelengths of constant or missing bands, which are then no references; texts that say so."""
     bands, notes = list(request.bands), []
     for i in set(range(len(bands))).difference(request.correct, request.nir):
         values = np.concatenate([t.block[i][t.sample] for t in tiles])
@@ -147,7 +147,7 @@ def _kinds(
 
 
 def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Gram matrices of squares for a set of bands, without pixels that `_trusted` excludes, if any square remains."""
+    """Gram matrices of squares for a set of bands, without pixels that `_trusted` excludes unless no square is left."""
     size = 0 if request.regression == "ols" else LOCAL_MEAN
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     for outliers in (False, True):
@@ -239,7 +239,7 @@ def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks `inside` without pixels that deviate from local means by more than glint does elsewhere, in any plane."""
+    """Masks `inside` without pixels that deviate from local means by more than glint, in any plane, and those near."""
     every = list(zip(high, inside, strict=True))
     tops = [np.nanmax(np.abs(h[:, *square]), axis=(1, 2)) for h, i in every for square in open_squares(i)]
     if not tops:
@@ -322,7 +322,7 @@ def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> Le
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
     slopes = np.array([f.slope for f in model.fits])
-    # errors of the kernels extend over resolved waves
+    # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
     sample = _level_sample(model, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
     visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
     level, interval = shared_level(sample, slopes, visible, resolved=request.resolved)
@@ -332,7 +332,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
     above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
     warnings = *model.warnings, *_sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
-    least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # posterior means balance errors
+    least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # a posterior mean follows
     fits = tuple(replace(f, floor=at) for f, at in zip(model.fits, least, strict=True))
     model = replace(model, indexes=indexes, fits=fits, second=second, warnings=warnings)
     return replace(model, level_interval=interval, level_stderr=error)
@@ -360,7 +360,7 @@ class CommonGlint(NamedTuple):
 def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
     r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
 
-    The response of a band is its glint divided by the glint of its NIR: the sum of its kernel. The strength a of glint
+    The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint
     with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
     the posterior means, between s and a c.
 

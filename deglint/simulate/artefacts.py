@@ -38,7 +38,7 @@ class Artefacts(Checked):
 
 
 def stripe(radiance: Floats, deviation: float, seed: np.random.SeedSequence) -> Floats:
-    """Multiply each column of a band (row, column) by a random gain with mean 1 and standard deviation `deviation`."""
+    """Multiply each column of a band (row, column) by a random gain (>= 0), mean 1, standard deviation `deviation`."""
     gain = 1.0 + deviation * np.random.default_rng(seed).standard_normal(radiance.shape[1])
     return np.asarray(radiance * np.maximum(gain, 0.0))
 

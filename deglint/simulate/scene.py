@@ -28,7 +28,7 @@ DEPTH_STEPS = 128  # number of depths at which the light over a bottom is comput
 class Light:
     """Mean light in each band of a setup: irradiances (band,) [W m-2 nm-1] and radiances [W m-2 sr-1 nm-1].
 
-    Irradiances follow Gregg and Carder (1990); radiances of case-1 water and objects follow `deglint.physics.water`.
+    Irradiances are those of Gregg and Carder (1990) at the mean distance of the sun; for radiances see `physics.water`.
     """
 
     def __init__(self, setup: Setup) -> None:
@@ -244,19 +244,20 @@ class _World:
 class _Shot:
     """The radiance images of one setup, before noise: working data from which its `SimulatedScene` is made.
 
-    `_add_bands` fills the arrays, (band, row, column) float32, band by band; then `finished` adds noise and artefacts.
+    `_add_bands` fills the float32 arrays band by band: `water` (band, row, column) is the later `truth_water`, and each
+    array of `grids` (2, band, row, column) is truth and glint. Then `finished` adds noise and artefacts.
     """
 
     def __init__(self, setup: Setup, workers: int) -> None:
         self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
-        # (truth and glint, offset [pixel]) on the grid of the map and, if that is another one, on that of the sensor
+        # (array, offset [pixel]) on the grid of the map and, if the image is resampled, on that of the sensor
         self.grids = [(np.empty((2, *self.water.shape), np.float32), 0.0)]
         if setup.artefacts.resampling:
             self.grids.append((np.empty((2, *self.water.shape), np.float32), GRID_SHIFT))
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Image in band i of a layer of facets from its transform: blurred, misregistered, `off` [pixel] down/right."""
+        """Blurred, misregistered image in band i from a layer's transform; pixels lie `off` [pixel] down and right."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)
@@ -304,7 +305,7 @@ class _Shot:
 
 
 def _add_bands(shots: Sequence[_Shot], world: _World, sea: Facets, time: float, workers: int) -> Iterator[None]:
-    """Compute the bands that `shots` take at `time` [s] after the first band; yield after each band of each of them."""
+    """Compute the bands that `shots` take at `time` [s] after the first band; yield after each band of each shot."""
     density, mirrored = sea.at(time, workers=workers)
     cover = None if world.cover is None else world.cover.at(time)
     if cover is not None:

@@ -22,7 +22,7 @@ from .underwater import Bottom, SubmergedObject
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
 
 MOST_FACETS = 1 << 26  # largest number of facets of a scene; at 60 bytes each they take 4 GB
-LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes that are too steep
+LEAST_ENERGY = 0.3  # smallest factor on the energy of damped short waves; `Facets` scales slopes that remain too steep
 RESOLVED_AT_MOST = 0.95
 """Largest share of the measured slope variance that waves on the grid may have; short waves are damped accordingly."""
 STRONGEST_WIND = 19.6  # largest wind at 10 m [m/s]: it is 20 m/s at 12.5 m, the limit of the slope models
@@ -69,10 +69,10 @@ class Setup(Checked):
     targets : tuple of FloatingTarget
         Boats, swimmers and buoys; a moving target has another position in each band that is delayed.
     supersample : int
-        Number of facets (the cells on which the sea is computed) per pixel, along each axis.
+        Number of facets, the grid points at which the sea is computed, per pixel along each axis.
     patch : float
         Size of the patches of nearly uniform slope that unresolved waves make [m]; larger patches give more sparkle, 0
-        gives none. The value 0.005 fits surfaces simulated with cells of 1 mm; with 0.06, whole facets of 6 cm flash.
+        gives none. The value 0.005 fits surfaces simulated on a grid of 1 mm; with 0.06, whole facets of 6 cm flash.
     misregistration : tuple of (float, float)
         For each band, displacement (down, right) of its pixels relative to the pixels of the image [pixel]; empty for
         none. The truth of the band is displaced, too.

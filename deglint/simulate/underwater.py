@@ -17,17 +17,17 @@ LEAST_DEPTH, MOST_DEPTH = 0.1, 60.0  # range of depths of a bottom [m]; light fr
 
 @dataclass(frozen=True, kw_only=True)
 class Bottom(Checked):
-    """A bottom whose depth changes from the left to the right edge of the image.
+    """A bottom whose depth, always 0.1 to 60 m, changes from the left to the right edge of the image.
 
     Attributes
     ----------
     depth : (float, float)
         Mean depth at the left and at the right edge of the image [m], 0.1 to 60.
     edge : (float, float), optional
-        A reef edge, where the depth changes: distance of its centre from the left edge of the image, and its width [m].
+        An irregular reef edge, where the depth changes: mean distance from the left edge of the image, and width [m].
         By default, the depth changes linearly over the whole image.
     roughness : float
-        Standard deviation of the depth about its mean [m], with features of the size `patch`.
+        Standard deviation of the depth about its mean [m]; its features have the size `patch`.
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
@@ -151,7 +151,7 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of squares in each row [pixel], repeated up to size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
+        Side of the squares in each row [pixel], cycled over size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
     depth : float
         Depth of all squares [m].
 

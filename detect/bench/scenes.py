@@ -74,7 +74,7 @@ class TrueScene:
 
 
 def simulated(directory: Path, sensors: Iterable[Sensor], wind: float, seed: int, side: int = SIDE) -> list[TrueScene]:
-    """Simulate a sea of `side` x `side` pixels at a wind [m/s] for several sensors; write the files to `directory`."""
+    """Simulate sea `seed` of `side` x `side` pixels at a wind [m/s] for several sensors; write files to `directory`."""
     from deglint.raster.simulated import write_scene
 
     largest, setups = min(OBJECT, side / 4 / len(REFLECTANCES)), []

@@ -23,7 +23,7 @@ from .recipe import Outputs
 Places = tuple[Int64, Int64, Array]  # rows, columns and scores of pixels, in row-major order
 CANDIDATES = 0.04  # for "sea", this fraction of the scores, the highest, is kept; fewer pixels are in candidates
 _UNKNOWN_PIERS = 3
-"""Number that is added to the rank of an object attached to land, to estimate its false-alarm rate: all objects up to
+"""Number that is added to the rank of an object alongside a quay, to estimate its false-alarm rate: all objects up to
 its rank may be false, and even if none is known to be false, there may be up to this many (95 % confidence)."""
 
 
@@ -40,7 +40,7 @@ class Marker:
 
     plan: Plan
     scores: Any  # the written score raster, open for reading
-    tail: Tail  # the highest scores
+    tail: Tail  # the highest scores; for "sea" without those of ALONGSIDE
     beside: dict[int, Places]  # pixels attached to land, by class: ALONGSIDE or ATTACHED of `detect.sea.region`
 
     @property
@@ -49,7 +49,7 @@ class Marker:
         return 2 if len(self.beside[ALONGSIDE][0]) else 1
 
     def threshold(self) -> Threshold:
-        """Threshold for the requested false-alarm rate; for "sea" from scores without those of confirmed objects."""
+        """Threshold for the requested false-alarm rate; of method "sea", from scores without confirmed objects."""
         recipe, law, tail = self.plan.recipe, self.plan.law, self.tail
         pfa = float(recipe.pfa or 0)
         if recipe.threshold in ("chi2", "f") and law:
@@ -112,9 +112,9 @@ class Marker:
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
-        """Objects above the threshold alongside a quay, at rates up to that of the objects afloat (`afloat` in all)."""
+        """Objects alongside a quay above the threshold, at rates up to the requested ("peaks") or `afloat` / area."""
         clutter = self._clutter
-        dimmest = max(threshold.value, clutter.large[1])  # quays are dim, and clutter also has lower scores
+        dimmest = max(threshold.value, clutter.large[1])  # quays and clutter are dimmer than this
         found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]
         found.sort(key=lambda o: likeness(*rectangle(o.footprint)[:2], o.size), reverse=True)
         most = clutter.false_per_km2(threshold.value) if threshold.method == "peaks" else afloat / clutter.area

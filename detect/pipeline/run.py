@@ -240,7 +240,7 @@ def _images(plan: Plan, targets: Outputs) -> dict[str, tuple[Path, Layout]]:
 def _describe(
     plan: Plan, targets: Outputs, threshold: Threshold | None, tally: PixelCounts, checksum: Checksum
 ) -> dict[str, Any]:
-    """Versions, inputs, options and results of a run, for the sidecar; `_run` adds objects, notes and time."""
+    """Versions, inputs, options and results, for the sidecar; `_run` adds objects, notes, warnings and time."""
     recipe = asdict(plan.recipe) | {"bands": plan.names, "nir": [plan.names[b] for b in plan.nir]}
     if plan.window is not None:
         recipe["ring_pixels"] = plan.window.pixels

@@ -33,7 +33,7 @@ MEANINGS = {
 }
 """Bits of the flag raster, and their meanings; 0: the pixel has a score, and there is nothing to note."""
 _SEA_FLAGS = {NOT_SEA: MASKED_OUT, RIM: ON_RIM, AFLOAT: FLOATS, ATTACHED: FLOATS, ALONGSIDE: BESIDE_LAND}
-"""Bits of the classes of `detect.sea.region`."""
+"""Bit of the flag raster for each class of `detect.sea.region`."""
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Scored:
 
     scores: Float32
     tally: PixelCounts
-    tail: Tail | None = None  # the highest scores, if a threshold is requested
+    tail: Tail | None = None  # the highest scores, if a threshold is requested; for "sea" without those of ALONGSIDE
     p_values: Float32 | None = None
     flags: Uint8 | None = None  # bits of `MEANINGS`
     beside: dict[int, Places] = field(default_factory=dict)  # pixels attached to land, by class of `detect.sea.region`

@@ -69,9 +69,9 @@ class Judged:
     roc: Roc
     numbers: dict[str, Any]  # all results as plain values
     bands: Bands | None  # confidence intervals; None without bootstrap
-    objects: ObjectCurve | None
+    objects: ObjectCurve | None  # None without `Request.per_object`
     worst: tuple[Object, ...]  # false alarms with the highest scores
-    worst_at: OperatingPoint  # threshold that the worst false alarms exceed
+    worst_at: OperatingPoint  # point nearest to a Pfa of 1e-3; the worst false alarms exceed its threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ def _judge(name: str, scores: Array, inputs: Inputs, request: Request, area: flo
 
 
 def _figures(name: str, roc: Roc, request: Request, bands: Bands | None) -> dict[str, Any]:
-    """Summary numbers and some points of a ROC curve, also as arrays; `bands` has its bootstrap intervals, if any."""
+    """Summary numbers of a ROC curve, and up to 400 points as arrays; `bands` has its bootstrap intervals, if any."""
     pfa, pd = roc.vertices
     keep = np.unique(np.linspace(0, len(pfa) - 1, _CURVE_POINTS).astype(int))
     most, drawn = request.pfa_max, None

@@ -166,7 +166,7 @@ def object_curves(found: Evaluation) -> Figure:
     figure, (ax,) = new_figure(5.0, 3.6)
     for d in found.detectors:
         if d.objects is not None:
-            # false alarms may merge as the threshold falls
+            # false alarms may merge as the threshold falls: draw the lowest number at this or a lower threshold
             cost = np.minimum.accumulate(d.objects.false_alarms[::-1])[::-1]
             ax.step(np.maximum(cost, 0.5), d.objects.pd, where="post", label=d.name)
     ax.set(xscale="log", xlabel="false alarms in the scene (none is drawn at 0.5)")
@@ -175,9 +175,9 @@ def object_curves(found: Evaluation) -> Figure:
 
 
 def shrink(scores: Array, valid: Mask) -> tuple[Array, int]:
-    """Reduce scores, (row, column), for display to the maximum of each square cell; return also its side [pixel].
+    """Reduce scores, (row, column), for display to the maximum of each square block; return also its side [pixel].
 
-    With the maximum, small targets remain visible. A cell without a `valid` score is NaN.
+    With the maximum, small targets remain visible. A block without a `valid` score is NaN.
     """
     from skimage.measure import block_reduce
 

@@ -1,7 +1,7 @@
 """ROC curves, their summary numbers and confidence intervals: how well scores separate targets from background.
 
 The truth is an array that is not 0 at the pixels of targets. A pixel is detected if its score is greater than a
-threshold; a higher score is more anomalous. Pixels that are NaN or not valid are only counted. No file is opened here.
+threshold; a higher score is more anomalous. Pixels that are NaN or not valid are left out. No file is opened here.
 """
 
 from .bootstrap import bootstrap

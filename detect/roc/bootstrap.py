@@ -104,7 +104,7 @@ def default_grid(background: int) -> Float64:
 def _levels(roc: Roc) -> Array:
     """Ascending levels, (levels,), between which scores are counted: some scores, and the next larger float of each.
 
-    Of target scores at most 1024, evenly spaced by rank, are taken; of background scores even and log-spaced ranks.
+    The scores: up to 1024 distinct ones of targets, evenly spaced; those of background at even and log-spaced ranks.
     """
     distinct = roc._steps[0]
     if len(distinct) > _LEVELS:

@@ -136,7 +136,7 @@ class Roc:
         return (1 + (self.partial_auc(pfa_max) - least) / (pfa_max - least)) / 2
 
     def point(self, pfa: float) -> OperatingPoint:
-        """Operating point with the highest Pd at a Pfa of at most `pfa`; its threshold is a background score."""
+        """Operating point with the highest Pd at a Pfa up to `pfa`, among thresholds that are background scores."""
         _check_pfa(pfa)
         n = len(self.background)
         allowed = min(math.floor(pfa * n * (1 + 1e-12)), n - 1)

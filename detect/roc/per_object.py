@@ -83,7 +83,7 @@ def object_curve(
     if len(levels) > _MOST_THRESHOLDS:
         levels = levels[np.linspace(0, len(levels) - 1, _MOST_THRESHOLDS).astype(int)]
     n, own = len(roc.background), roc.background.dtype.type
-    # thresholds of the round `RATES` are added, so that the curve has points where no object is found
+    # the thresholds at `RATES` are added, so that the curve has points where no object is found
     limits = np.array([roc.point(r).threshold for r in RATES if 1 / n <= r <= pfa_max], own)
     levels = np.unique(np.append(levels, np.nextafter(limits, own(np.inf)).astype(np.float64)))[::-1]
     exact = levels.astype(own)

@@ -3,9 +3,9 @@
 At every scale s, y is the mean of each band over s x s pixels of the sea, so that an object fills this square at one of
 the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
 (y - m) / sqrt(v), and R the correlation matrix of z over the sea. The distance is sqrt(z' R^-1 z). It is normalised by
-the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales.
-Pixels with a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the
-statistics, and the statistics are computed again.
+the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales,
+in the unit of the distance at the smallest scale. Pixels with a large distance at the largest scale (ships, wakes,
+slicks, plumes, clouds) are excluded from the statistics, and the statistics are computed again.
 """
 
 from collections.abc import Sequence
@@ -24,19 +24,19 @@ from ..covariance import whitener
 from .region import RIM, WATER, Classes
 
 SIDES = ("bright", "both")  # anomalies: only pixels brighter than the water around them, or also darker ones
-SEA_WINDOW = 51  # side of the window of local statistics [pixel]: several ships; 31 and 101 find fewer in real ports
-SCALES = (1,)  # sides of the averaging windows [pixel], where a pixel is as large as a boat: larger ones dilute it
+SEA_WINDOW = 51  # side of the window of local statistics [pixel]: spans several ships; 31, 101 find fewer in real ports
+SCALES = (1,)  # sides of the averaging windows [pixel], for pixels as large as a boat: larger windows dilute the boat
 _FINE_SCALES = (1, 3, 5)  # the same where pixels are smaller than an object: sparkle is averaged out
 _FINE_PIXEL = 5.0  # pixels with a shorter side are smaller than a boat [m]; submerged (dark) objects are searched, too
 LEAST_WATER = 100  # minimum number of pixels of water for the statistics
 _ROUNDS = 3  # number of times that the statistics are computed
-_CUT = 6.0  # pixels with a distance above this multiple of the median are not in the statistics: 1e-9 of normal pixels
+_CUT = 6.0  # pixels above this multiple of the median distance are not in statistics: 1e-11 of normal ones (2 bands)
 _PRIOR = 30.0  # weight of the whole sea in every local variance [pixel]: a narrow channel has few pixels of water
 _FLOOR = 0.1  # smallest local variance, relative to the variance of the whole sea: limits scores in smooth patches
 _FAR = 1e4  # values are clipped to this many robust standard deviations: float32 sums over a window stay precise
 _RARE = 1e-3  # fraction of water above the upper quantile that normalises the scales
 _CLASSES = 32  # number of classes of the NIR; each has 3 % of the pixels: hundreds, even in a small scene
-_USUAL = 0.75  # quantile of a class's scores that is its usual score: objects on less than a quarter do not change it
+_USUAL = 0.75  # quantile that is the usual score of a class: objects on less than a quarter of it do not change it
 _LAST_FACTOR = 0.9
 """Quantile of the NIR above which the divisor of `GlintScale` is constant: objects there are as bright as glint. On a
 simulated sea with pixels of 1.24 m, a value of 1 finds no boat, and 0.75 finds two submerged objects fewer than 0.9."""
@@ -71,7 +71,7 @@ class GlintScale:
         edges = np.unique(np.quantile(glint, np.linspace(0, 1, _CLASSES + 1)))
         usual = float(np.quantile(scored, _USUAL))
         if len(edges) < 3 or not usual > 0:
-            return flat
+            return flat  # too few classes, or scores of 0: all divisors are 1
         at = np.clip(np.searchsorted(edges, glint, side="right") - 1, 0, len(edges) - 2)
         found = [(np.median(glint[at == i]), np.quantile(scored[at == i], _USUAL) / usual) for i in np.unique(at)]
         middle, factor = np.array(found, np.float64).T
@@ -106,7 +106,7 @@ class SeaModel:
     q90: float  # 90 % quantile of the score over water
     scales: tuple[int, ...] = SCALES  # sides of the averaging windows [pixel]
     side: str = "bright"  # one of `SIDES`
-    glint: GlintScale | None = None  # usual score by NIR, where the NIR was given
+    glint: GlintScale | None = None  # divisors of the scores; None with coarse pixels or without NIR
 
     @property
     def fine(self) -> bool:
@@ -129,7 +129,7 @@ def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, 
     `pixel` is the side of a pixel [m]. Below 5 m, there are several scales, and `side` (one of `SIDES`) is "both" by
     default. Otherwise, or if `pixel` is None, there is one scale, and `side` is "bright" by default. `nir`, the NIR of
     every block before glint removal, (band, row, column), is used only below 5 m, because a boat fills a larger pixel.
-    Raises NoWaterError if fewer than 100 pixels are water.
+    Raises NoWaterError if fewer than 100 pixels are water, and InputError if `side` is not allowed.
     """
     fine = pixel is not None and pixel < _FINE_PIXEL
     side = side or ("both" if fine else "bright")
@@ -141,9 +141,8 @@ def fit(blocks: Blocks, *, pixel: float | None = None, side: str | None = None, 
     if pixels < LEAST_WATER:
         raise NoWaterError(f"{pixels} pixels of water are too few to compare with. Check --mask.")
     centre, spread = _robust(sample)
-    whiteners = (np.eye(bands),) * len(scales)
     ones, zeros = np.ones((len(scales), bands)), np.zeros(len(scales))
-    model = SeaModel(centre, spread, ones, whiteners, zeros, ones[:, 0], 1.0, scales, side)
+    model = SeaModel(centre, spread, ones, (np.eye(bands),) * len(scales), zeros, ones[:, 0], 1.0, scales, side)
     parts = [_Block(block, classes, model) for block, classes in blocks]
     used = [part.dim for part in parts]
     model = _learn(parts, used, water, model)
@@ -241,7 +240,7 @@ def _robust(sample: Float64) -> tuple[Float64, Float64]:
 def _learn(parts: Sequence[_Block], used: Sequence[Mask], water: Sequence[Mask], model: SeaModel) -> SeaModel:
     """Return the model with statistics of pixels in the masks `used`: variance and whitening matrix at every scale.
 
-    Of the distance, it has the 99.9 % quantile of pixels in the masks `water`, and the median of water and rim.
+    It also has, at every scale, the 99.9 % quantile of the distance in `water`, and its median in water and rim.
     """
     variance = np.zeros_like(model.variance)
     total = max(sum(int(u.sum()) for u in used), 1)

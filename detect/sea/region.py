@@ -119,11 +119,11 @@ def likeness(length: float, width: float, size: float) -> float:
 
 
 def rectangle(footprint: Mask) -> tuple[float, float, float]:
-    """Smallest rectangle of a mask: length, width (a pixel: 1) [pixel], angle of length clockwise from up [degree]."""
+    """Smallest rectangle of a mask: length and width [pixel], angle of the length clockwise from up [degree]."""
     import cv2
 
     rows, columns = np.nonzero(footprint)
-    points = np.stack([columns, rows], axis=1).astype(np.float32)
+    points = np.stack([columns, rows], axis=1).astype(np.float32)  # centres; the sides of a pixel are 1
     corners = np.concatenate([points + d for d in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5))])
     (_centre, (a, b), angle) = cv2.minAreaRect(cv2.convexHull(corners.astype(np.float32)))
     along = angle if a >= b else angle + 90  # of the longer side, clockwise from the direction of the rows

@@ -34,7 +34,7 @@ _BODY = 60
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6  # minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m
 _LEAST = 50  # a distribution is fitted to more than this number of peaks above `Clutter.low`
-_LEAST_SURVIVAL = 1e-200  # lower limit of the fraction of peaks above the highest, as a divisor: far below any real one
+_LEAST_SURVIVAL = 1e-200  # lower limit of the fitted fraction of peaks above the highest peak, which is a divisor
 _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
 
 
@@ -53,8 +53,8 @@ class Clutter:
     confirmed_pixels: int  # number of their pixels
     shape: float  # shape of the distribution [1]; NaN where there are too few peaks, or all are equal
     scale: float  # scale of the distribution [unit of the scores]
-    large: tuple[int, float] = (1, math.inf)  # an object of so many pixels with a higher peak is large
-    large_share: float = 1.0  # fraction of the unconfirmed candidates with at least `large[0]` pixels
+    large: tuple[int, float] = (1, math.inf)  # large objects have at least so many pixels, and exceed this score
+    large_share: float = 1.0  # (n + 1) / (all + 1): n of all unconfirmed candidates have at least `large[0]` pixels
 
     @property
     def fitted(self) -> bool:
@@ -131,7 +131,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
-    """The tail without the scores `taken`, each removed as often as it occurs there; `n` decreases by their number."""
+    """The tail without the scores `taken`: each is removed as often as it occurs; `n` decreases by their number."""
     ascending = tail.values[::-1]
     gone = np.sort(taken[taken > ascending[0]]).astype(ascending.dtype)
     at = np.searchsorted(ascending, gone) + np.arange(len(gone)) - np.searchsorted(gone, gone)
@@ -148,7 +148,7 @@ class Rated(NamedTuple):
 
 
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
-    """Rate objects afloat, highest `score_top` first; rates are multiplied by `strata`, the number of object kinds."""
+    """`Rated` objects afloat, highest `score_top` first; `strata`, the number of object kinds, multiplies `rate`."""
     found = sorted(found, key=lambda o: -o.score_top)
     sizes = [o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1 for o in found]
     rates = np.array([clutter.false_per_km2(o.score_top, size) for o, size in zip(found, sizes, strict=True)])

@@ -40,7 +40,7 @@ class OpenedFiles:
 
 
 def opened(path: str, describe: Callable[[str], RasterInfo]) -> OpenedFiles:
-    """Describe the files that `path` stands for: those of a product, or else one raster, by the function `describe`."""
+    """Describe the files that `path` stands for: those of a product, or else a raster (with its XMP), by `describe`."""
     product = find(path)
     if product is not None:
         infos, notes = described(product)
@@ -152,7 +152,7 @@ def _of(family: Any, container: Container) -> Product | None:
 
 
 def _root_of(family: Any, place: Path, folder: Container | None) -> Path | None:
-    """Nearest folder with metadata of `family` above `place`, a file or subfolder (its files: `folder`), or None."""
+    """Nearest folder above `place` with metadata of `family`, or None; `folder` lists the files of a folder `place`."""
     wanted, above = re.compile(family.METADATA, re.IGNORECASE), getattr(family, "FOLDERS_ABOVE", 0)
     if folder is not None:
         part = bool(above and folder.find(family.IMAGES) and not folder.find(family.METADATA))

@@ -100,7 +100,7 @@ class Container:
     def tree(self, member: str, needs: str = "") -> ET.Element:
         """The metadata in a member as a tree, from XML, JSON or "NAME = value" lines in groups (MTL, IMD, TIL).
 
-        Objects and groups become elements. Raises ReadError, or MetadataError if the file is damaged or has no `needs`.
+        Objects and groups are elements. Raises ReadError, or MetadataError if it is damaged or has no element `needs`.
         """
         data, ending = self.read(member), member.lower()
         if ending.endswith(".xml"):
@@ -284,7 +284,7 @@ def described(product: Product) -> tuple[list[RasterInfo], list[str]]:
 
 
 def scaled_by_itself(info: RasterInfo) -> str:
-    """The reason why the product's scale, offset and nodata are not used for a file, as text; "" if they are used."""
+    """Why a file keeps its own scale, offset, unit, nodata and saturation, as text; "" if it gets the product's."""
     if any(np.dtype(t).kind == "f" for t in info.dtypes):
         return "floating-point numbers are taken as they are, without the product's scale and offset"
     if any(s != 1 for s in info.scales) or any(o != 0 for o in info.offsets):
@@ -295,7 +295,7 @@ def scaled_by_itself(info: RasterInfo) -> str:
 def filled(info: RasterInfo, bands: tuple[ProductBand, ...], tags: Mapping[str, str], sensor: str | None) -> RasterInfo:
     """A copy of a file's description with names, scale, offset, nodata, unit and tags of its product.
 
-    Scale, offset, nodata and dataset tags in the file take precedence. `sensor` is the value of tag "sensor", or None.
+    Nodata and tags of the file are kept; so is all of its scaling, if `scaled_by_itself`. `sensor`: a tag, or None.
     """
     bands = bands[: info.count] + bands[-1:] * (info.count - len(bands))
     flat = bands[0].flat if info.count == 1 else None

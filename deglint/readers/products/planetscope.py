@@ -63,7 +63,7 @@ def find(container: Container) -> Product | None:
 
 
 def _scales(factors: Mapping[int, ET.Element], count: int) -> tuple[list[float], str]:
-    """Factors to reflectance (else radiance), and the unit, from XML nodes by band number 1 to `count`; else [], ""."""
+    """Scales of bands 1 to `count` to reflectance, else radiance, and the unit; [] and "" if the XML nodes lack one."""
     for name, unit in (("reflectanceCoefficient", "reflectance"), ("radiometricScaleFactor", PRODUCT_UNIT)):
         known = [s for i in range(1, count + 1) if (s := positive(said(factors.get(i), name)))]
         if len(known) == count:
