@@ -53,7 +53,7 @@ def test_noise_is_averaged_where_there_is_no_more_and_glint_stays():
     calm = rng.normal(50, 2, (120, 120)).astype(np.float32)
     calm[60:63, 60:63] += 100
     every = np.ones(calm.shape, bool)
-    rule = fit_reference([(calm, every)], 3, sparkle=True, noisy=True)
+    rule = fit_reference([(calm, every)], 3, sparkle=True, smooth=True)
     assert rule.noise == pytest.approx(2, rel=0.05)
     cleaned, _ = clean(calm, every, replace(rule, limit=np.inf))
     assert cleaned[:50].std() < 0.4 * 2

@@ -159,8 +159,7 @@ def log_scene(scene: Scene) -> None:
         size = pixel_size(scene)
         log.info("no coordinates: pixels are taken to be %s", f"{size:g} m wide" if size else "fine, below 1 m")
     for line in scene.notes:  # what a product gives and lacks, and what was assumed, is not for -v alone
-        shown = scene.product or any(word in line for word in ("assumed", "not registered"))
-        log.log(logging.INFO if shown else logging.DEBUG, "  %s", line)
+        log.log(logging.INFO if scene.product or "assumed" in line else logging.DEBUG, "  %s", line)
 
 
 def log_water(rule: WaterRule | None, mask: str) -> list[str]:

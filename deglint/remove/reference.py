@@ -50,7 +50,7 @@ class ReferenceRule:
 
 
 def fit_reference(
-    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False, noisy: bool = False
+    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False, smooth: bool = False
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
@@ -60,7 +60,7 @@ def fit_reference(
     sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, and if glint is on a part of the
         scene (`OFTEN`), the limit is at least the excess of one pixel in a million, extrapolated by a power law through
         the 99th and the 99.9th percentile of the excess
-    noisy : whether `clean` reduces the noise of the reference
+    smooth : whether `clean` reduces the noise of the reference (`_smoothed`)
     """
     looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
     found = [values[sample] for values, sample in looks if sample.any()]
@@ -81,7 +81,7 @@ def fit_reference(
     often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [OFTEN, 99.9]), np.finfo(np.float32).tiny)
     if sparkle or often > limit:
         limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
-    s = noise([np.where(i, v, 0).astype(np.float32) for v, i in looks], [i for _, i in looks]) if noisy else 0.0
+    s = noise([np.where(i, v, 0).astype(np.float32) for v, i in looks], [i for _, i in looks]) if smooth else 0.0
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge, s)
 
 
@@ -92,7 +92,7 @@ def open_squares(sample: Mask) -> Iterator[tuple[slice, slice]]:
 
 def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
     """Replace pixels of a reference that are no open water, or too bright for glint, by the mean of the water around.
-    Its noise is then reduced if `rule.noise` is not 0 (`_less_noisy`).
+    Its noise is then reduced if `rule.noise` is not 0 (`_smoothed`).
 
     values : (row, column), the band of the reference, not modified; a tile needs `rule.halo` more pixels on every side
     water : (row, column), True over water; ships may be True or False
@@ -101,10 +101,10 @@ def clean(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatAr
     around. Also returns a mask of open water that was too bright for glint, with the pixels next to it; None if none.
     """
     out, over = _replaced(values, water, rule)
-    return _less_noisy(out, rule) if rule.noise else out, over
+    return _smoothed(out, rule) if rule.noise else out, over
 
 
-def _less_noisy(values: FloatArray, rule: ReferenceRule) -> FloatArray:
+def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
     r"""Shrink a reference R, (row, column), toward its local mean m where it varies no more than noise does.
 
     .. math:: R' = m + \max(0, 1 - s^2 / v) (R - m)

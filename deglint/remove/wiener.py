@@ -133,8 +133,8 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
     for r in references:
         edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
         looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
-        resolved = request.sparkle and not request.faint  # at coarse pixels, fine waves look like noise
-        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle, noisy=resolved)
+        smooth = request.sparkle and not request.faint  # at coarse pixels, fine waves look like noise
+        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle, smooth=smooth)
     return rules
 
 

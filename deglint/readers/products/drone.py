@@ -31,8 +31,8 @@ IMAGES = (
 )
 THERMAL = 3000.0  # bands beyond this wavelength are thermal [nm]
 UNREGISTERED = (
-    "the bands are not registered to each other: they are displaced by up to some ten pixels. Register them first for "
-    "a correction band by band, or take an aligned stack or a mosaic"
+    "the bands are assumed not to be registered to each other, but displaced by up to some ten pixels. Register them "
+    "first for a correction band by band, or take an aligned stack or a mosaic"
 )
 
 Facts = Mapping[str, Sequence[str]]  # values in an XMP by name without namespace
