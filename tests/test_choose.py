@@ -16,6 +16,7 @@ from deglint.choose.implants import gains, implants
 from deglint.choose.score import (
     EDGES,
     SCALES,
+    erased,
     expected_errors,
     least_glint,
     least_signal,
@@ -26,7 +27,11 @@ from deglint.choose.score import (
 from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.errors import InputError
+from deglint.physics.presets import preset
+from deglint.raster.simulated import write_scene
 from deglint.scene import Band
+from deglint.simulate import Setup, simulate
+from deglint.simulate.underwater import Bottom
 
 BANDS = tuple(Band(n, w) for n, w in (("blue", 480.0), ("green", 560.0), ("red", 660.0), ("nir", 840.0)))
 LEVEL = np.array([0.05, 0.04, 0.02, 0.01], np.float32)
@@ -183,6 +188,21 @@ def test_white_noise_is_no_signal_of_the_scene_at_any_scale():
     assert (found[:3] < 0.01).all()
 
 
+def test_what_an_opening_takes_beyond_the_glint_of_the_nir_is_erased_signal():
+    rng = np.random.default_rng(4)
+    glint = np.stack([rng.permuted(rng.exponential(1.0, (128, 128))) for _ in range(4)])  # moves from band to band
+    spectrum, unit = np.array([1.5, 1.3, 1.1, 1.0], np.float32), np.array([2, 2, 2, np.inf], np.float32)
+    sparkle = (glint * spectrum[:, None, None]).astype(np.float32)
+    bottom = np.multiply.outer([10, 0, 0, 0], np.ones((128, 128))).astype(np.float32)
+    calm = np.zeros_like(sparkle)
+
+    assert erased([sparkle], [calm], [INSIDE], unit, 3, spectrum) == 0
+    expected = (10 + 1.5 - 2 * 1.5) / 2 / np.sqrt(3)  # in one of three bands, after twice the mean glint of 1
+    assert erased([sparkle + bottom], [calm], [INSIDE], unit, 3, spectrum) == pytest.approx(expected, rel=0.02)
+    assert erased([sparkle + bottom], [bottom], [INSIDE], unit, 3, spectrum) == 0
+    assert erased([sparkle], [calm], [~INSIDE], unit, 3, spectrum) == 0
+
+
 def test_light_above_the_level_of_an_opening_is_left_glint():
     sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
     results = [[level * sea] for level in (3.0, 1.04, 1.0, 0.5)]
@@ -259,6 +279,16 @@ def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):
     fitted = fit_scene(open_scene(write(tmp_path / "in.tif", image, **fine)))
     assert fitted.choice is not None
     assert fitted.choice.best.method != "copy", fitted.choice.lines()
+
+
+def test_an_opening_does_not_erase_a_shallow_bottom_in_patches(tmp_path):
+    sensor = replace(preset("thesis"), gsd=0.3).delayed(0.02)
+    bottom = Bottom(depth=(20, 6), roughness=0.9, share=0.6, patch=3)
+    setup = Setup(sensor=sensor, size=(192, 192), wind=10, wind_from=102, sun_zenith=60, seed=2, bottom=bottom)
+    write_scene(simulate(setup), tmp_path / "scene")
+    choice = fit_scene(open_scene(tmp_path / "scene.tif")).choice
+    assert any(t.candidate.opens for t in choice.trials)
+    assert choice.best.name == "wiener"
 
 
 @pytest.mark.parametrize("sample", ["130,130,60,60", "0,130,60,60", "130,0,60,60"])

@@ -25,7 +25,8 @@ share, which texture cannot show. There g is the gain of plumes, or the root of 
 that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the level after a removal
 exceeds the lowest level after an opening, a part of the excess is counted as an offset that glint left
 (`level_excess`): an opening finds the water between the glint, while a removal takes its level from the pixels with the
-least glint.
+least glint. What an opening takes from a band beyond the glint that the NIR shows is counted as erased signal
+(`erased`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -183,6 +184,29 @@ def level_excess(
     return np.asarray(np.maximum(excess - SIGNAL, 0))
 
 
+def erased(
+    images: Sequence[Float32],
+    results: Sequence[Float32],
+    inside: Sequence[Mask],
+    unit: Float32,
+    nir: int,
+    spectrum: Float32,
+) -> float:
+    """Mean brightness that an opening takes and that cannot be glint, root mean square over bands and tiles.
+
+    Sparkle moves between two bands, but over a tile its mean is the same, so that an opening takes as much from each
+    band as from the NIR, times the spectrum of glint. From a bright bottom it takes more: water absorbs the NIR.
+
+    images, results : (band, row, column) of each tile, without compensation, and after an opening
+    inside, unit : as in `powers`; each band counts divided by its unit
+    nir, spectrum : as in `least_signal`
+    """
+    tiles = [(i - r)[:, m].mean(axis=1) for i, r, m in zip(images, results, inside, strict=True) if m.any()]
+    taken = np.array(tiles, np.float64).reshape(-1, len(unit))  # (tile, band)
+    more = np.maximum(taken - GLINT_OF_NIR * spectrum * taken[:, [nir]], 0) / unit
+    return float(np.sqrt(np.square(more).sum() / max(len(taken) * np.isfinite(unit).sum(), 1)))
+
+
 def expected_errors(
     power: Float64,
     limits: tuple[Float64, Float64],
@@ -191,7 +215,7 @@ def expected_errors(
     least: Float64 | float = 0.0,
     edges: float = 0.0,
 ) -> Float64:
-    """Expected root mean square error of the result of each recipe, (recipe,) [water level]; without `level_excess`.
+    """Expected root mean square error of each recipe, (recipe,) [water level], without `level_excess` and `erased`.
 
     power : (recipe, scale): `powers` of the result
     limits : (recipe, scale) each, upper limits of the power of the scene's own signal in the result: `powers` with

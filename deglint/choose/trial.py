@@ -20,7 +20,7 @@ from ..remove.noise import noise, spread
 from ..remove.reference import OFTEN
 from .candidates import Candidate, candidates
 from .implants import SCALES, Float32, Implants, Mask, gains, implants
-from .score import EDGES, expected_errors, least_glint, least_signal, level_excess, partners, powers
+from .score import EDGES, erased, expected_errors, least_glint, least_signal, level_excess, partners, powers
 
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.1
@@ -218,13 +218,13 @@ def _judged(
         responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
         power = tuple(powers(plain.images, inside, unit).tolist())
         trials.append(Trial(c, power, gains(responses, added, inside, unit)))
-    left = np.array([t.power for t in trials])
+    left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
     errors = expected_errors(
         left,
         _limits(left, runs, inside, unit, setting),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
-        _own_signal(sample, inside, unit, setting),
+        0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
         EDGES if setting.delayed else 0.0,  # at one instant openings erase small signals, as `REPLACING` says
     )
     opened = [c.opens for c in runs]
@@ -232,6 +232,10 @@ def _judged(
         excess = level_excess([r.images for r in runs.values()], inside, unit, opened, setting.delayed)
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
         errors = np.where(removals, np.hypot(errors, LEVEL_FAULT * excess), errors)
+    if spectrum is not None:
+        images, nir = [s.image for s in sample.states], setting.nir[0]
+        lost = [erased(images, r.images, inside, unit, nir, spectrum) if c.opens else 0.0 for c, r in runs.items()]
+        errors = np.hypot(errors, lost)
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
@@ -244,12 +248,18 @@ def _limits(
     return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
 
 
-def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting) -> Float64 | float:
-    """Result of `least_signal`, (scale,); 0 if a wavelength is not in 300 to 1000 nm (unknown spectrum of glint)."""
+def _spectrum(setting: Setting) -> Float32 | None:
+    """Glint in each band, (band,), divided by that in the NIR; None if a wavelength is not in 300 to 1000 nm."""
     if (setting.colour == 1).all():
-        return 0.0
+        return None
+    return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
+
+
+def _own_signal(
+    sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32
+) -> Float64 | float:
+    """Result of `least_signal`, (scale,)."""
     images, nir = [s.image for s in sample.states], setting.nir[0]
-    spectrum = np.maximum(setting.colour / setting.colour[nir], 1)  # of radiance or of reflectance, whichever is more
     noises = np.array([noise([i[b] for i in images], inside) for b in range(len(unit))], np.float32)
     return least_signal(images, inside, unit, noises, nir, spectrum)
 
