@@ -24,7 +24,7 @@ from deglint.choose.score import (
     partners,
     powers,
 )
-from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, without_ships, without_shore
+from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, _own_signal, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
 from deglint.errors import InputError
 from deglint.physics.presets import preset
@@ -188,19 +188,30 @@ def test_white_noise_is_no_signal_of_the_scene_at_any_scale():
     assert (found[:3] < 0.01).all()
 
 
+@pytest.mark.parametrize(("flashing", "own"), [(0.0005, 0.0), (0.25, 1.0)])
+def test_a_few_flashes_that_the_nir_misses_are_no_signal_of_the_scene(flashing, own):
+    rng = np.random.default_rng(6)
+    image = np.ones((4, 128, 128)) + rng.normal(0, 0.01, (4, 128, 128))
+    image[2] += 4 * (rng.random((128, 128)) < flashing)
+    sample = Sample((State.of(image.astype(np.float32)),), (INSIDE,))
+    unit = np.array([1, 1, 1, np.inf], np.float32)
+    found = _own_signal(sample, [INSIDE], unit, Setting(BANDS, (3,)), np.ones(4, np.float32))
+    expected = powers([image[2:3].astype(np.float32)], [INSIDE], np.ones(1, np.float32)) / 3  # in one band of three
+    assert expected[0] > 0.001
+    np.testing.assert_allclose(found[0], own * expected[0], rtol=0.05, atol=5e-5)
+
+
 def test_what_an_opening_takes_beyond_the_glint_of_the_nir_is_erased_signal():
     rng = np.random.default_rng(4)
     glint = np.stack([rng.permuted(rng.exponential(1.0, (128, 128))) for _ in range(4)])  # moves from band to band
     spectrum, unit = np.array([1.5, 1.3, 1.1, 1.0], np.float32), np.array([2, 2, 2, np.inf], np.float32)
     sparkle = (glint * spectrum[:, None, None]).astype(np.float32)
     bottom = np.multiply.outer([10, 0, 0, 0], np.ones((128, 128))).astype(np.float32)
-    calm = np.zeros_like(sparkle)
 
-    assert erased([sparkle], [calm], [INSIDE], unit, 3, spectrum) == 0
+    assert erased([sparkle], [INSIDE], unit, 3, spectrum) == 0
     expected = (10 + 1.5 - 2 * 1.5) / 2 / np.sqrt(3)  # in one of three bands, after twice the mean glint of 1
-    assert erased([sparkle + bottom], [calm], [INSIDE], unit, 3, spectrum) == pytest.approx(expected, rel=0.02)
-    assert erased([sparkle + bottom], [bottom], [INSIDE], unit, 3, spectrum) == 0
-    assert erased([sparkle], [calm], [~INSIDE], unit, 3, spectrum) == 0
+    assert erased([sparkle + bottom], [INSIDE], unit, 3, spectrum) == pytest.approx(expected, rel=0.02)
+    assert erased([sparkle], [~INSIDE], unit, 3, spectrum) == 0
 
 
 def test_light_above_the_level_of_an_opening_is_left_glint():

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import cv2
 import numpy as np
 
 from ..compensate.state import Float32, Mask
@@ -108,8 +109,6 @@ def _submerged(bands: Sequence[Band], level: Float32) -> Float32:
 
 def _texture(shape: tuple[int, int], fine: int, coarse: int, rng: np.random.Generator) -> Float32:
     """Random pattern (row, column) of scales from `fine` to `coarse` [pixel]; standard deviation `TEXTURE_CONTRAST`."""
-    import cv2
-
     noise = rng.standard_normal(shape).astype(np.float32)
     band = cv2.blur(noise, (fine, fine)) - cv2.blur(noise, (coarse, coarse))
     return np.asarray(band * np.float32(TEXTURE_CONTRAST / band.std()), np.float32)
@@ -120,8 +119,6 @@ def _discs(inside: Mask, width: float, rng: np.random.Generator) -> Float32:
 
     The centres are about four widths apart, at least 16 pixels, on a grid from the first row and column of `inside` on.
     """
-    import cv2
-
     out, pitch = np.zeros(inside.shape, np.float32), max(round(4 * width), 16)
     top, left = (int(np.argmax(inside.any(axis=a))) + pitch // 2 for a in (1, 0))
     places = [(r, c) for r in range(top, len(inside), pitch) for c in range(left, inside.shape[1], pitch)]

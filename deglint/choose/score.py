@@ -31,6 +31,7 @@ least glint. What an opening takes from a band beyond the glint that the NIR sho
 
 from collections.abc import Mapping, Sequence
 
+import cv2
 import numpy as np
 
 from ..compensate.state import LASTS, Setting
@@ -83,8 +84,6 @@ def powers(
 
 def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Float32]:
     """Texture of a plane (row, column) at each of `SCALES`; `shares` are as returned by `_shares`."""
-    import cv2
-
     out, finer = [], (values := np.where(mask, plane, np.float32(0)))
     for side, share in zip(SCALES[1:], shares, strict=True):
         coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone
@@ -138,8 +137,6 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
     `glint` (band, row, column) and `inside`, as in `powers`, are given for each tile. The coarsest scale has no mask.
     """
-    import cv2
-
     out = []
     for planes, mask in zip(glint, inside, strict=True):
         clear = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
@@ -154,8 +151,6 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
 
 def _shares(mask: Mask) -> list[Float32]:
     """For each side in `SCALES[1:]`: share of True pixels in the square around each pixel, (row, column); positive."""
-    import cv2
-
     known = mask.astype(np.float32)
     return [np.maximum(cv2.blur(known, (side, side)), np.float32(1e-6)) for side in SCALES[1:]]
 
@@ -184,27 +179,19 @@ def level_excess(
     return np.asarray(np.maximum(excess - SIGNAL, 0))
 
 
-def erased(
-    images: Sequence[Float32],
-    results: Sequence[Float32],
-    inside: Sequence[Mask],
-    unit: Float32,
-    nir: int,
-    spectrum: Float32,
-) -> float:
+def erased(taken: Sequence[Float32], inside: Sequence[Mask], unit: Float32, nir: int, spectrum: Float32) -> float:
     """Mean brightness that an opening takes and that cannot be glint, root mean square over bands and tiles.
 
     Sparkle moves between two bands, but over a tile its mean is the same, so that an opening takes as much from each
     band as from the NIR, times the spectrum of glint. From a bright bottom it takes more: water absorbs the NIR.
 
-    images, results : (band, row, column) of each tile, without compensation, and after an opening
+    taken : (band, row, column) of each tile: image minus result
     inside, unit : as in `powers`; each band counts divided by its unit
     nir, spectrum : as in `least_signal`
     """
-    tiles = [(i - r)[:, m].mean(axis=1) for i, r, m in zip(images, results, inside, strict=True) if m.any()]
-    taken = np.array(tiles, np.float64).reshape(-1, len(unit))  # (tile, band)
-    more = np.maximum(taken - GLINT_OF_NIR * spectrum * taken[:, [nir]], 0) / unit
-    return float(np.sqrt(np.square(more).sum() / max(len(taken) * np.isfinite(unit).sum(), 1)))
+    means = np.array([t[:, m].mean(axis=1) for t, m in zip(taken, inside, strict=True) if m.any()])  # (tile, band)
+    more = [np.maximum(m - GLINT_OF_NIR * spectrum * m[nir], 0) / unit for m in means]
+    return float(np.sqrt(np.square(more).sum() / max(len(means) * np.isfinite(unit).sum(), 1)))
 
 
 def expected_errors(

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import product
 from typing import Any
 
+import cv2
 import numpy as np
 
 from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain
@@ -233,9 +234,10 @@ def _judged(
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
         errors = np.where(removals, np.hypot(errors, LEVEL_FAULT * excess), errors)
     if spectrum is not None:
-        images, nir = [s.image for s in sample.states], setting.nir[0]
-        lost = [erased(images, r.images, inside, unit, nir, spectrum) if c.opens else 0.0 for c, r in runs.items()]
-        errors = np.hypot(errors, lost)
+        for n, run in enumerate(runs.values()):
+            taken = [s.image - result for s, result in zip(sample.states, run.images, strict=True)]
+            if opened[n]:
+                errors[n] = np.hypot(errors[n], erased(taken, inside, unit, setting.nir[0], spectrum))
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
@@ -258,9 +260,13 @@ def _spectrum(setting: Setting) -> Float32 | None:
 def _own_signal(
     sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32
 ) -> Float64 | float:
-    """Result of `least_signal`, (scale,)."""
-    images, nir = [s.image for s in sample.states], setting.nir[0]
-    noises = np.array([noise([i[b] for i in images], inside) for b in range(len(unit))], np.float32)
+    """Result of `least_signal`, (scale,), for bands limited to their percentile `OFTEN`: flashes of sparkle, where they
+    are few, may all miss the time of the NIR.
+    """
+    images, nir, bands = [s.image for s in sample.states], setting.nir[0], range(len(unit))
+    noises = np.array([noise([i[b] for i in images], inside) for b in bands], np.float32)
+    high = [np.inf if b == nir else np.percentile(sample.values([i[b] for i in images]), OFTEN) for b in bands]
+    images = [np.minimum(i, np.array(high, np.float32)[:, None, None]) for i in images]
     return least_signal(images, inside, unit, noises, nir, spectrum)
 
 
@@ -310,8 +316,6 @@ def without_ships(sample: Sample) -> Sample:
     ships would get too small an expected error. For coarse pixels only, as in fine ones sparkle is as bright as ships.
     In a band with more bright pixels than ships have (`OFTEN`), these are glint, and stay.
     """
-    import cv2
-
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
         high = [s.raw[band] - cv2.blur(s.raw[band], (LOCAL_MEAN,) * 2) for s in sample.states]

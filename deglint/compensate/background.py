@@ -18,6 +18,7 @@ Serra (1982), Image Analysis and Mathematical Morphology, chapter II, ISBN 978-0
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -60,8 +61,6 @@ def opening(band: Float32, size: int, cut: int = 0) -> Float32:
     Returns ``dilate(median_3x3(erode(band)))``, (row, column) [unit of the band]. The median removes isolated values,
     so that a bright area remains only if the window fits into it at several positions.
     """
-    import cv2
-
     square, corners = np.ones((max(size - 2 * cut, 1),) * 2, np.uint8), _diamond(cut)
     low = cv2.erode(band, square)
     for part in corners:
@@ -152,8 +151,6 @@ def mode_and_spread(excess: Float32) -> tuple[float, float]:
 
 def around(band: Float32, cap: float) -> Float32:
     """Mean over 9 x 9 pixels (`PIT_SIDE`) around each pixel, (row, column), of the smaller of `band` and `cap`."""
-    import cv2
-
     return np.asarray(cv2.blur(np.minimum(band, np.float32(cap)), (PIT_SIDE, PIT_SIDE)), np.float32)
 
 
@@ -201,8 +198,6 @@ class Background:
 
     def level(self, state: State) -> Float32:
         """Background (band, row, column) without offsets: openings plus outline detail, blurred if of sharper bands."""
-        import cv2
-
         source, level = self.opened(state)
         if self.limit is not None:
             detail = self.details(source, level)

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import FitError
+from ..remove.levels import mode
 from ..remove.noise import spread
 from .background import COVER_K
 from .state import Float32, Sample, Setting, State
@@ -31,8 +32,6 @@ class Normalise:
 
 def water_level(values: Float32, most_cover: float = 1.0) -> tuple[float, bool]:
     """Median of `values` (pixel,) and False; or mode and True, if the share of glint exceeds `most_cover` (0..1)."""
-    from ..remove.levels import mode
-
     middle = float(np.median(values))
     if most_cover >= 1:
         return middle, False

@@ -27,6 +27,7 @@ doi:10.1109/TPAMI.1980.4766994 (local mean and variance).
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import cv2
 import numpy as np
 
 from ..morphology import grown
@@ -83,8 +84,6 @@ class LeftOver:
 
 def left_over(band: int, sample: Sample) -> LeftOver:
     """Measure on a sample how the error of the removal in a 0-based band grows with the removed glint."""
-    import cv2
-
     images = [s.image[band] for s in sample.states]
     rest = sample.values([i - np.asarray(cv2.medianBlur(i, 5), np.float32) for i in images])
     taken = sample.values([s.removed[band] for s in sample.states if s.removed is not None])
@@ -160,7 +159,6 @@ def posterior_mean(x: Float32, v: Float32, s2: np.float32, side: int, error: Flo
     side : side of the window for the mean of the water [pixel]
     error : (row, column), array to fill with the error variance, noise included [unit of `x` squared]; None: not needed
     """
-    import cv2
 
     def mean(a: Float32) -> Float32:
         return np.asarray(cv2.blur(a, (side, side), borderType=cv2.BORDER_REFLECT_101), np.float32)
@@ -196,7 +194,6 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 def clump_width(sample: Sample, band: int) -> int:
     """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation is 1/2, or 64."""
-    import cv2
     import scipy.fft
 
     total = np.zeros(WIDEST_CLUMP)

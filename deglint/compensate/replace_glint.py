@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import cv2
 import numpy as np
 
 from .state import Float32, Mask, Sample, Setting, State
@@ -43,8 +44,6 @@ class ReplaceBands:
 
 def put(state: State, where: Mask, values: Float32, **changes: object) -> State:
     """Set pixels `where` to `values`, (band, row, column) both, mark them as replaced, and set the fields `changes`."""
-    import cv2
-
     replaced, image = where if state.replaced is None else state.replaced | where, state.image.copy()
     for band, new, mask in zip(image, values, where, strict=True):
         cv2.copyTo(new, mask.view(np.uint8), band)  # np.where takes ten times longer

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64
+from ..physics.iops import case1
 from .state import Float32
 
 Places = npt.NDArray[np.intp]
@@ -54,8 +55,6 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
     the change of the values by one standard deviation of brightness, slope, curvature and the wavelengths of two edges;
     and the prior probability (spectrum,) of each spectrum: half of the targets are grey, half are painted.
     """
-    from ..physics.iops import case1
-
     inside = wavelengths[:, None] + widths[:, None] * np.linspace(-0.5, 0.5, 17)
 
     def between(low: float, high: float) -> Float64:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -70,8 +71,6 @@ def in_scene_units(state: State) -> State:
 
 def filled(block: Float32, water: Mask) -> Float32:
     """The block with each pixel that is not water set to the values of the nearest water pixel; all 0 without water."""
-    import cv2
-
     if water.all():
         return block
     if not water.any():

@@ -24,11 +24,13 @@ from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ..moments import Float64
 from ..morphology import box_sum, grown
+from ..physics.atmosphere import irradiance
 from ..remove.noise import noise
 from ..remove.wiener import SUN_ZENITH
 from . import spectra
@@ -161,8 +163,6 @@ class Excess:
     @classmethod
     def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
         """Make the excess of a block `raw` and its background, both (band, row, column); None: local mean of `raw`."""
-        import cv2
-
         planes = [raw[b] for b in stage.bands]
         if background is None:
             return cls(stage, planes, [np.asarray(cv2.blur(p, (MEAN_WINDOW,) * 2)) for p in planes], afloat=True)
@@ -177,8 +177,6 @@ class Excess:
         """Mask (row, column) of possible peaks of targets. Such a pixel is lit (`EXCEEDS`), with nearly the largest
         excess of its 3 x 3 pixels (`SAME_PEAK`), in at least three bands, of which one is in each half of the bands.
         """
-        import cv2
-
         count, square = np.zeros((2, *self.raw[0].shape), np.uint8), np.ones((3, 3), np.uint8)
         planes = zip(self.raw, self.below, self.stage.light, self.stage.noise, strict=True)
         for i, (raw, below, light, s) in enumerate(planes):
@@ -237,8 +235,6 @@ class Excess:
         the second lowest, of all bands, of the ratios of excess to contrast. On a target, the contrast is at most the
         excess plus 3 times the noise.
         """
-        import cv2
-
         on = grown(self.stage.threshold < T, 3) & (S > 0)
         places = np.flatnonzero(on)
         light, s = (np.array(v, np.float32)[:, None] for v in (self.stage.light, self.stage.noise))
@@ -304,8 +300,6 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Target
 
 def described(sample: Sample, setting: Setting, order: Sequence[int]) -> Targets:
     """Make a stage with the properties of its bands (fields `bands` to `time`); `order`: 0-based bands by time."""
-    from ..physics.atmosphere import irradiance
-
     below = [[(x.raw if x.background is None else x.background)[b] for x in sample.states] for b in order]
     water = np.array([np.median(sample.values(b)) for b in below])
     w = setting.wavelengths[list(order)]
@@ -345,8 +339,6 @@ def histograms(stage: Targets, q: Places, t: Float64) -> Targets:
     `t` is the time of each band [s]. The table for a step to the next band comes from the pairs of dark bands whose
     delay is nearest to the delay of this step. Dark bands start at `DARK_FROM`; if fewer than two do, all are used.
     """
-    import cv2
-
     dark = stage.dark if len(stage.dark) > 1 else list(range(len(t)))
     pairs = np.array([(i, j) for i in dark for j in dark if i != j])
     smooth = cv2.getGaussianKernel(7, 1.5)

@@ -19,6 +19,7 @@ Efron, Tibshirani (1993), An Introduction to the Bootstrap, doi:10.1201/97804292
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from ..remove.model import GlintModel
@@ -91,8 +92,6 @@ def _trial(done: State) -> State:
 
 def _span(band: Float32) -> Float32:
     """Maximum minus minimum in 7 x 7 pixels around each pixel, (row, column), after a median of 5 x 5 pixels."""
-    import cv2
-
     plane, window = cv2.medianBlur(band, 5), np.ones((SPAN, SPAN), np.uint8)
     return np.asarray(cv2.dilate(plane, window) - cv2.erode(plane, window), np.float32)
 
