@@ -145,13 +145,13 @@ def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[Flo
         kept = inner & ~over
     if everywhere and over is None:
         return values, None
-    out = np.zeros_like(values)
-    total, count = _sums(grains, kept)
-    np.copyto(out, _mean(total, count, rule), where=count > 0, casting="same_kind")
+    away, out = ~kept, values.copy()
+    total, count = (sums[away] for sums in _sums(grains, kept))
+    around = np.where(count > 0, _mean(total, count, rule), 0)
     if not count.all():  # narrow water is all edge: its mean includes the edge
-        total, around = _sums(grains, water)
-        np.copyto(out, _mean(total, around, rule), where=(count == 0) & (around > 0), casting="same_kind")
-    np.copyto(out, values, where=kept)
+        total, wider = (sums[away] for sums in _sums(grains, water))
+        around = np.where((count == 0) & (wider > 0), _mean(total, wider, rule), around)
+    out[away] = around
     return out, over
 
 
