@@ -128,7 +128,7 @@ def _uniform_weights(background: Background, whiten: Float64) -> Float64:
 
 
 def _subspace(covariance: Float64, drop: int) -> Float64:
-    """Whitening matrix, (rank, bands), without the `drop` leading eigenvectors of the covariance."""
+    """Whitening matrix, (rank - drop, bands), without the `drop` leading eigenvectors of the covariance."""
     values, vectors = np.linalg.eigh(covariance)
     kept = np.flatnonzero(values > TOLERANCE * len(values) * values[-1])
     if not 0 <= drop < len(kept):

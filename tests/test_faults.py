@@ -88,6 +88,16 @@ def test_a_truncated_envi_file(refused, sea, write, tmp_path):
     assert "truncated or damaged" in refused(path, *RUN)
 
 
+def test_an_envi_file_that_lacks_what_its_offset_skips(refused, sea, write, tmp_path):
+    path = Path(write(tmp_path / "in.img", sea(200, 150), driver="ENVI"))
+    header = path.with_suffix(".hdr")
+    header.write_text(header.read_text().replace("header offset = 0", "header offset = 100"))
+    Path(f"{path}.aux.xml").unlink()  # it holds the former header
+    assert "truncated or damaged" in refused(path, *RUN)
+    path.write_bytes(bytes(100) + path.read_bytes())
+    np.testing.assert_array_equal(library.open_scene(path).read(), sea(200, 150))
+
+
 def test_a_compressed_envi_file_is_not_called_truncated(sea, write, tmp_path):
     path = Path(write(tmp_path / "in.img", sea(), driver="ENVI"))
     path.write_bytes(gzip.compress(path.read_bytes()))

@@ -196,7 +196,7 @@ def _marked(sample: Sample, added: Sequence[Implants]) -> Sample:
 
 
 def _best(trials: Sequence[Trial], *, delayed: bool) -> Trial:
-    """Simplest of equally good trials; copy if none is much better. `REPLACING` applies unless bands are `delayed`."""
+    """First of the equally good trials, the first of all (the copy) if none is much better; see `REPLACING`."""
     cost = [t.error * (REPLACING if t.candidate.opens and not delayed else 1) for t in trials]
     best = trials[next(i for i, c in enumerate(cost) if c <= EQUAL_ERRORS * min(cost))]
     return best if best.error < WORTH_REMOVING * trials[0].error else trials[0]

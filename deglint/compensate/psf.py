@@ -24,8 +24,8 @@ in cameras of satellites, aircraft and drones it is one to two times the samplin
 class PSF:
     """A point spread function on the grid of the pixels.
 
-    The kernel (side, side) is the share of the light of a point source in each pixel, with the source at the centre of
-    the central pixel; it sums to 1. Raises InputError if not square, odd-sided, finite, >= 0, and > 0 in the middle.
+    The kernel (side, side) is the share of the light of a point source, at the centre of the central pixel, in each
+    pixel. Its sum should be 1. Raises InputError if not square, odd-sided, finite, >= 0, and > 0 in the middle.
     """
 
     kernel: Float64 = field(repr=False)

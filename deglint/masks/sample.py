@@ -80,7 +80,7 @@ class _Local(NamedTuple):
 
     @property
     def residual(self) -> Float64:
-        """Variance of the visible sum that a regression on the NIR does not explain [square of the unit]."""
+        """Variance of the visible sum (see `SampleRule`) that a regression on the NIR does not explain [grain^2]."""
         explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
         return np.maximum(self.visible - explained, 0.0)
 

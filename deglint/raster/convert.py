@@ -87,7 +87,7 @@ def same_nodata(a: float | None, b: float | None) -> bool:
 
 
 def retype(raw: npt.NDArray[Any], dtype: np.dtype[Any]) -> tuple[npt.NDArray[Any], Valid | None]:
-    """Convert file values to another type; return them and the mask of clipped finite values (None if none is).
+    """Convert file values to another type; return them and a mask of clipped finite values, or None if all fit.
 
     Values for an integer type are rounded to the nearest integer and clipped to its range; NaN becomes 0.
     """

@@ -246,11 +246,12 @@ def _check_bands(dataset: Any, path: str, bands: Sequence[int]) -> None:
 
 
 def _check_length(dataset: Any, path: str) -> None:
-    """Raise ReadError if an ENVI or EHdr file is shorter than its header states; GDAL would read the rest as 0."""
-    packed = dataset.tags(ns="ENVI").get("file_compression", "0") != "0"
-    if packed or dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
+    """Raise ReadError if an ENVI or EHdr file, unless compressed, is too short: GDAL would read the rest as 0."""
+    header = dataset.tags(ns="ENVI")
+    if header.get("file_compression", "0") != "0" or dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
+    need += int(header.get("header_offset", 0))
     found = Path(path).stat().st_size
     if found < need:
         raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")

@@ -215,7 +215,7 @@ def _held_out(groups: Sequence[Float64], total: Float64, inputs: list[int], outp
 
 
 def _chosen_supports(losses: dict[tuple[int, ...], Float64]) -> list[tuple[int, ...]]:
-    """Choose each band's support by `losses` (group, band): one for all bands, or its own if clearly better."""
+    """Support of each band: common to all, or its own if clearly better. `losses`: see `_held_out`; smallest first."""
     power = {s: np.maximum(loss.sum(axis=0), 1e-12) for s, loss in losses.items()}
     least = np.min(list(power.values()), axis=0)
     common = _within_chance({s: (loss / least).mean(axis=1) for s, loss in losses.items()})[0]

@@ -6,6 +6,7 @@ The artefacts change the digital numbers of a scene, not the radiances of its tr
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -48,8 +49,6 @@ def resample(numbers: Numbers, kernel: Kernel, levels: int) -> Numbers:
 
     `numbers` are digital numbers (row, column); `levels` is the largest digital number of the sensor and the result.
     """
-    import cv2
-
     how = {"bilinear": cv2.INTER_LINEAR, "cubic": cv2.INTER_CUBIC, "lanczos": cv2.INTER_LANCZOS4}[kernel]
     move = np.array([[1.0, 0.0, GRID_SHIFT], [0.0, 1.0, GRID_SHIFT]])
     moved = cv2.warpAffine(numbers, move, numbers.shape[::-1], flags=how, borderMode=cv2.BORDER_REFLECT)
@@ -62,8 +61,6 @@ def compress(numbers: Numbers, quality: int, levels: int) -> Numbers:
     Each byte is 255 times the square root of digital number / `levels`, the largest digital number of the sensor: the
     quantisation step is proportional to the shot noise, as in cameras. `quality` is the quality of the JPEG, 1 to 100.
     """
-    import cv2
-
     small = np.rint(255.0 * np.sqrt(numbers / levels)).astype(np.uint8)
     _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.rint(levels * (np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)) / 255.0) ** 2).astype(np.uint16)

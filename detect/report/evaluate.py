@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Rasterise a GeoJSON file on `grid`: number, from 1, of the last feature that holds a pixel's centre; else 0."""
+    """Number, from 1, of the last GeoJSON feature that holds a pixel's centre, else 0; lost ones go to `notes`."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]
