@@ -228,16 +228,15 @@ def _judged(
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
         EDGES if setting.delayed else 0.0,  # at one instant openings erase small signals, as `REPLACING` says
     )
-    opened = [c.opens for c in runs]
+    results, opened = [r.images for r in runs.values()], [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
-        excess = level_excess([r.images for r in runs.values()], inside, unit, opened, setting.delayed)
+        excess = level_excess(results, inside, unit, opened, setting.delayed)
         removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
         errors = np.where(removals, np.hypot(errors, LEVEL_FAULT * excess), errors)
     if spectrum is not None:
-        for n, run in enumerate(runs.values()):
-            taken = [s.image - result for s, result in zip(sample.states, run.images, strict=True)]
-            if opened[n]:
-                errors[n] = np.hypot(errors[n], erased(taken, inside, unit, setting.nir[0], spectrum))
+        for n in np.flatnonzero(opened):
+            taken = [s.image - image for s, image in zip(sample.states, results[n], strict=True)]
+            errors[n] = np.hypot(errors[n], erased(taken, inside, unit, setting.nir[0], spectrum))
     return [replace(t, error=float(e) if np.isfinite(e) else np.inf) for t, e in zip(trials, errors, strict=True)]
 
 
