@@ -26,7 +26,7 @@ from .score import EDGES, erased, expected_errors, least_glint, least_signal, le
 WATER_PERCENTILE = 10.0  # percentile of a band over the sample that estimates the water without glint (water level) [%]
 EQUAL_ERRORS = 1.1
 """Candidates are equally good if their errors are at most this factor times the least; the simplest is chosen. Expected
-errors are wrong by a factor of 1.6 in the median, so that a smaller difference of two candidates may be chance."""
+errors are wrong by a factor of 1.5 in the median, so that a smaller difference of two candidates may be chance."""
 REPLACING = 1.15  # factor on the error of openings, which erase small signals, if bands are not known to be delayed
 WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
