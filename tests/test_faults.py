@@ -98,6 +98,14 @@ def test_an_envi_file_that_lacks_what_its_offset_skips(refused, sea, write, tmp_
     np.testing.assert_array_equal(library.open_scene(path).read(), sea(200, 150))
 
 
+def test_an_envi_offset_that_is_no_number_is_0_as_in_gdal(sea, write, tmp_path):
+    path = Path(write(tmp_path / "in.img", sea(), driver="ENVI"))
+    header = path.with_suffix(".hdr")
+    header.write_text(header.read_text().replace("header offset = 0", "header offset = none"))
+    Path(f"{path}.aux.xml").unlink()
+    np.testing.assert_array_equal(library.open_scene(path).read(), sea())
+
+
 def test_a_compressed_envi_file_is_not_called_truncated(sea, write, tmp_path):
     path = Path(write(tmp_path / "in.img", sea(), driver="ENVI"))
     path.write_bytes(gzip.compress(path.read_bytes()))

@@ -46,8 +46,9 @@ ZERO_GAIN = 0.05  # lower limit of a gain as a divisor: the uncertainty of a gai
 HALF = 0.5  # the same limit for the gain of plumes, of which there is only one in a tile
 EDGES = 0.5  # assumed share of edges in the scene's own signal, the rest is texture: neither is known to prevail
 GLINT_OF_NIR = 2.0
-"""Largest ratio of the texture of glint in a band to that in the NIR, divided by the spectrum of glint: 0.6 to 1.3 in
-simulated seas, up to 1.9 at the finest scale, where bands differ in blur. For shallow bottoms the ratio is up to 80."""
+"""Largest ratio of the texture, or the mean, of glint in a band to that in the NIR, divided by the spectrum of glint.
+That of texture is 0.6 to 1.3 in simulated seas, up to 1.9 at the finest scale, where bands differ in blur. For shallow
+bottoms it is up to 80."""
 LEAST_GLINT_PERCENT = 10.0
 """Share of the pixels that count as pixels with the least glint [%]: small, so that glint is weak; large enough (ten
 thousand pixels in eight tiles) that the power of their texture is known to a few percent."""

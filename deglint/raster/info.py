@@ -251,7 +251,7 @@ def _check_length(dataset: Any, path: str) -> None:
     if header.get("file_compression", "0") != "0" or dataset.driver not in ("ENVI", "EHdr") or not Path(path).is_file():
         return
     need = dataset.height * dataset.width * sum(np.dtype(d).itemsize for d in dataset.dtypes)
-    need += int(header.get("header_offset", 0))
+    need += int(offset) if (offset := header.get("header_offset", "")).isdecimal() else 0
     found = Path(path).stat().st_size
     if found < need:
         raise ReadError(f"cannot read {path}: it has {found} bytes and its header says at least {need}. {remedy(path)}")
