@@ -279,6 +279,18 @@ def test_a_sea_without_glint_is_copied(write, tmp_path):
     assert "Nothing was corrected" in fitted.model.warnings[0]
 
 
+def test_a_dead_band_is_not_judged(write, tmp_path):
+    rng = np.random.default_rng(5)
+    water = np.array([500, 400, 300, 50])[:, None, None]
+    glint, noise = rng.gamma(0.5, 60, (96, 96)), rng.normal(0, 10, (4, 96, 96))
+    image = np.rint(water + glint + noise).clip(1).astype("uint16")
+    whole = fit_scene(open_scene(write(tmp_path / "whole.tif", image))).choice
+    image[0] = 0
+    dead = fit_scene(open_scene(write(tmp_path / "dead.tif", image, nodata=65535))).choice
+    assert dead.best == whole.best
+    assert dead.trials[0].gains["discs"] == pytest.approx(1, abs=0.01), "of the copy"
+
+
 def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):
     """As bright as boats, and in two of a hundred pixels: at pixels that resolve it these are no ships."""
     rng = np.random.default_rng(3)

@@ -84,7 +84,7 @@ def powers(
 
 
 def _textures(plane: Float32, mask: Mask, shares: Sequence[Float32]) -> list[Float32]:
-    """Texture of a plane (row, column) at each of `SCALES`; `shares` are as returned by `_shares`."""
+    """Texture (as in `powers`) at `SCALES` of a plane (row, column), valid in `mask`; `shares`: see `_shares`."""
     out, finer = [], (values := np.where(mask, plane, np.float32(0)))
     for side, share in zip(SCALES[1:], shares, strict=True):
         coarser = cv2.blur(values, (side, side)) / share  # means of the mask's pixels alone

@@ -99,7 +99,7 @@ class Choice:
         """Reason why the best candidate was chosen."""
         trial = self.trial
         if trial is None:
-            return "there is too little water to try others"
+            return "there is too little water to try others, or its values are too large"
         near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
         how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "that openings hardly improve"
         return f"of {len(self.trials)} candidates the simplest {how}: {trial.error:.1%} of the water; {trial.kept}"
@@ -141,7 +141,7 @@ def choose(
     Parameters
     ----------
     sample : Sample
-        Sample tiles, and masks of the pixels to use; for coarse pixels as returned by `without_ships`.
+        Sample tiles, and masks of the pixels to use; unless pixels are fine as returned by `without_ships`.
     setting : Setting
         Bands, NIR and other properties of the scene.
     correct : sequence of int
@@ -164,7 +164,8 @@ def choose(
     if _too_small(sample):
         return Choice(wiener, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
-    unit = np.where(np.isin(np.arange(len(level)), list(correct)), level, np.float32(np.inf))  # others are not judged
+    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
+    unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     marked = _marked(sample, added)
 
@@ -312,8 +313,8 @@ def _too_small(sample: Sample) -> bool:
 
 def without_ships(sample: Sample) -> Sample:
     """The sample without ships (pixels far brighter than the water around) and pixels near them: a recipe that erases
-    ships would get too small an expected error. For coarse pixels only, as in fine ones sparkle is as bright as ships.
-    In a band with more bright pixels than ships have (`OFTEN`), these are glint, and stay.
+    ships would get too small an expected error. Not for fine pixels, in which sparkle is as bright as ships. In a band
+    with more bright pixels than ships have (`OFTEN`), these are glint, and stay. Too small a sample is not changed.
     """
     inside = list(sample.inside)
     for band in range(0 if _too_small(sample) else len(sample.states[0].raw)):
