@@ -207,7 +207,7 @@ def _stage_from(data: Mapping[str, Any]) -> Stage:
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
-    """Read a chain from the values that `Chain.numbers` returns. Raises InputError if it is not a valid saved chain."""
+    """Read a chain from the values of `Chain.numbers`. Raises InputError if its stages or their fields do not fit."""
     try:
         before, after = (tuple(_stage_from(s) for s in data[k]) for k in ("before", "after"))
         text = str(data["chain"])

@@ -151,7 +151,7 @@ def sample_of(training: Sequence[Training]) -> Sample:
 
 def fit_removal(job: Job, training: Sequence[Training], method: str, sample: Sample, chain: Chain) -> GlintModel:
     """Fit a removal method to `sample`, which is the tiles `training` after the stages `chain.before`.
-    For `wiener`, if one of these stages is `identify-level`, its variant for openings is fitted: `remove.mixture`.
+    `wiener` after the opening `identify-level` is replaced by its variant for opened images, `remove.mixture`.
     """
     images = [s.image for s in sample.states]
     if not METHODS[method].neighbours:

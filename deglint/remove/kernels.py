@@ -2,7 +2,7 @@ r"""Kernels that predict bands from the neighbourhoods of pixels in references: 
 
 .. math:: k = (G_{rr} + \lambda I)^{-1} G_{rb}, \qquad G = \sum_x v(x) v(x)^T
 
-The vector v(x) has the references (r) at every offset in a window of `SIDE` pixels around x, then the bands (b), all
+The vector v(x) has the references (r) at every offset in a window of up to `SIDE` pixels, then the bands (b), all
 minus their means; G_rr and G_rb are parts of G, lambda is a small ridge. There is one Gram matrix G for each square
 of `CELL` x `CELL` pixels of the sample. The response of a kernel is the change of the band if the NIR rises by 1: the
 sum of its coefficients, with those on other references times the slope of these on the NIR. Its support is the side of

@@ -45,7 +45,7 @@ class ReferenceRule:
 
     @property
     def halo(self) -> int:
-        """Pixels that `clean` needs on every side of a tile, for three local means, three mixed edges and the noise."""
+        """Pixels that `clean` needs beside a tile: for three local means, three times `edge`, and its noise filter."""
         return 3 * (LOCAL_MEAN // 2) + 3 * self.edge + (NOISE_SIDE // 2 if self.noise else 0)
 
 

@@ -51,7 +51,7 @@ class FitRequest:
 
     @property
     def nir(self) -> tuple[int, ...]:
-        """0-based NIR band of each band of `correct`, for kernels: first of its index in `follows` (0 if None)."""
+        """0-based NIR band of each band of `correct`, for kernels: the first of its glint index (None: index 0)."""
         return tuple(self.indexes[follows or 0].bands[0] for follows in self.follows)
 
     def nearest(self, wavelength: float, within: float, method: str) -> int:
