@@ -20,6 +20,7 @@ from deglint.remove.kernels import _within_chance, offsets
 from deglint.remove.levels import LevelSample, shared_level, shared_level_error
 from deglint.remove.predict import glint
 from deglint.remove.reference import ReferenceRule, clean, fit_reference
+from deglint.remove.spectrum import slopes_of_glint, spectra
 from deglint.remove.strips import Strips, filled
 from deglint.scene import Band
 from deglint.simulate import Setup, simulate
@@ -303,18 +304,38 @@ def test_the_error_of_the_level_holds_a_sheet_where_every_pixel_has_glint(sheet)
         assert claimed < 0.1 * (chosen - lowest)
 
 
-@pytest.mark.parametrize(("red", "highest"), [(30.0, 31.0), (200.0, 120.0)])
-def test_the_level_under_a_sheet_is_bounded_by_the_darkest_water(red, highest):
-    glint = 40 + np.random.default_rng(15).gamma(4.0, 60.0, 200_000)
+@pytest.mark.parametrize(("red", "shape", "highest"), [(30.0, 4.0, 31.0), (200.0, 4.0, 120.0), (30.0, 1.5, 31.0)])
+def test_the_level_under_dense_glint_is_bounded_by_the_darkest_water(red, shape, highest):
+    glint = 40 + np.random.default_rng(15).gamma(shape, 60.0, 200_000)
     sample = level_sample(np.repeat((20 + glint)[None], 2, axis=0), np.stack([red + glint, 25 + glint]))
     infrared_too = shared_level(sample, np.ones(2))[1][1]
-    chosen = shared_level(sample, np.ones(2), np.array([True, False]))[1][1]
+    chosen = shared_level(sample, np.ones(2), np.array([1, np.nan]))[1][1]
     assert infrared_too > 60, "the least glint is far above the water"
     if red < 100:  # its NIR is at most three times what red exceeds it by
         assert chosen == pytest.approx(3 * (red - 20), rel=0.02)
     else:
         assert chosen == infrared_too
     assert chosen < highest
+
+
+@pytest.mark.parametrize(("fitted", "taken"), [(0.9, 1.0), (1.1, 1.1), (1.4, 1.0), (0.4, 0.4)])
+def test_slopes_that_noise_or_foam_determines_are_not_those_of_glint(fitted, taken):
+    request = nir_request(BANDS, [3], regression="detrended")
+    for spectrum in spectra(request):
+        found = slopes_of_glint(fitted * spectrum, request)
+        if fitted < 1.2 or spectrum.std() > 0:  # foam in reflectance is like glint in radiance
+            np.testing.assert_allclose(found, taken * spectrum)
+    red_edge = replace(request, bands=(*BANDS[:2], replace(BANDS[2], wavelength=705.0), BANDS[3]))
+    assert np.isnan(slopes_of_glint(np.ones(3), red_edge)).tolist() == [False, False, True]
+
+
+def test_waves_that_bands_do_not_share_do_not_raise_the_level_of_a_sheet():
+    rng = np.random.default_rng(18)
+    swell, *own = 60 * gaussian_filter(rng.normal(size=(4, 256, 256)), (0, 1.5, 1.5)) / 0.19
+    glint = 300 + np.stack([*(0.9 * swell + 0.44 * o for o in own), swell])
+    block = np.array([900.0, 700.0, 60.0, 40.0])[:, None, None] + glint
+    lowest, chosen, middle = fitted(block.astype(np.float32)).level_interval
+    assert lowest < 40 < chosen < 85 < middle / 3
 
 
 def test_noise_of_pixels_does_not_raise_the_level_of_a_sheet():

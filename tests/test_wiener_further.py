@@ -41,7 +41,7 @@ def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_se
 
 def test_a_red_edge_band_does_not_serve_over_a_bottom_that_is_weaker_than_its_noise():
     noise = 5 * np.random.default_rng(9).normal(size=(4, 192, 192)).astype(np.float32)
-    block, water = sparkle_over_bottom(bottom=40.0)
+    block, water = sparkle_over_bottom(bottom=50.0)
     request, tiles = parts(block + noise)
     request = replace(request, faint=True)
     without, more = (wiener.fit(replace(request, more=m), tiles) for m in ((), (2,)))
@@ -198,6 +198,15 @@ def test_noise_is_not_taken_for_a_sheet_where_sparkle_is_rare():
     fine, coarse = (shared_level(sample, np.ones(1), resolved=r)[0][0] for r in (True, False))
     assert abs(fine - 100) < 5
     assert coarse < 88
+
+
+def test_dark_rings_around_sparkle_are_no_level_where_pixels_hold_several_waves():
+    rng = np.random.default_rng(8)
+    prediction = 100 + 5 * rng.normal(size=(1, 40_000))
+    prediction[0, ::20] += 100
+    everywhere = np.ones(40_000, bool)
+    sample = LevelSample(prediction, 1e4 + prediction, *prediction, *prediction, 0 * prediction - 1e4, everywhere)
+    assert abs(shared_level(sample, np.ones(1))[0][0] - 100) < 5
 
 
 def test_as_much_glint_is_removed_where_an_offset_was_subtracted():

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..errors import FitError, InputError
 from ..moments import Float64, Mask
-from ..remove.wiener import SUN_ZENITH
+from ..remove.spectrum import SUN_ZENITH
 from ..scene import Band
 from .psf import PSF
 

@@ -32,7 +32,7 @@ from ..moments import Float64
 from ..morphology import box_sum, grown
 from ..physics.atmosphere import irradiance
 from ..remove.noise import noise
-from ..remove.wiener import SUN_ZENITH
+from ..remove.spectrum import SUN_ZENITH
 from . import spectra
 from .spectra import Flash, Model, Places
 from .state import LASTS, LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale

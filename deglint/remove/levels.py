@@ -29,9 +29,9 @@ MOSTLY_CLEAR, SPARSE, SHEET_SPAN = 0.05, 0.1, 0.3
 of the lower half of the predictions (the NIR that the kernels predict), relative to the range from their median to
 their 99th percentile: .007 to .02 for pixels that resolve sparkle, .2 for pixels of 5 m, .32 to .5 for 10 m."""
 NORMAL_TAIL, RARE = 1.65, 0.3
-"""If waves are resolved, glint is clear (rare from a span of `SPARSE` on) also if the 1st percentile of the predictions
-is more than `NORMAL_TAIL` times as far from the median as the 10th (1.82 for noise with a normal distribution), and if
-the even share (`even_share`) is below `RARE`, as for rare sparkle."""
+"""If waves are resolved, or glint is no sheet, it is clear (rare from a span of `SPARSE` on) also if the 1st percentile
+of the predictions is more than `NORMAL_TAIL` times as far from the median as the 10th (1.82 for noise with a normal
+distribution; more beside dark rings of resampling), and if the even share (`even_share`) is below `RARE`."""
 LEAST_GLINT, LEAST_DENSE, LEAST_CLEAR = 0.2, 0.05, 40.0  # shares with the least glint, see `GLINT_KINDS` [%]
 AVERAGED = 3  # side of the window of the means and of the binomial filter in `GLINT_KINDS` [pixel]
 GLINT_KINDS = {
@@ -59,7 +59,7 @@ DARKER = 0.75
 turbid estuaries only; mirrored sky and haze have .4 to .75."""
 LEVEL_PIXELS = 50_000  # pixels from which the error of the level is estimated: about 100 of them have the least glint
 LEAST_OF_MEDIAN = 0.5
-"""Largest ratio of least to median glint of a sheet, which waves make uneven: .23 to .48 for pixels of 1.6 to 10 m."""
+"""Largest ratio of least to median glint where all pixels have some: waves make it .23 to .48 at 1.6 to 10 m."""
 
 
 def mode(sample: npt.NDArray[np.floating]) -> float:
@@ -183,30 +183,30 @@ class LevelSample:
 
 
 def shared_level(
-    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
+    sample: LevelSample, slopes: Float64, of_glint: Float64 | None = None, *, resolved: bool = False
 ) -> tuple[Float64, tuple[float, float, float]]:
     """Glint-free level of each band, (band,), and three levels that are common to all bands [unit of the NIR].
 
     The level of a band is the prediction by its kernel (`LevelSample.prediction`) for water without glint.
 
     slopes : (band,), glint of the band divided by the glint of its NIR
-    visible : (band,), True for visible bands, which limit the possible NIR of the water
+    of_glint : (band,), the slope of glint alone in visible bands, which limit the possible NIR of the water; else NaN
     resolved : True if pixels are smaller than waves
 
     The three levels are the lowest one with which almost no pixel with little glint becomes negative, the chosen one,
     and the median of the predicted NIR. The chosen one is the least prediction in the sample, but not below the lowest
-    one. How both are determined depends on the kind of glint (`GLINT_KINDS`): clear, rare, sparse, dense or a sheet. In
-    a sheet all pixels may have glint. If each pixel contains several waves, the chosen level is therefore lowered to
-    the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band, s its slope, p
-    its prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR the values of the water. In a
-    visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the excess. The level is
-    lowered only so far that the least glint is at most `LEAST_OF_MEDIAN` times the median glint, and not below the
-    lowest level. If waves are resolved, it is not lowered, as some of them face away from the sun.
+    one. How both are determined depends on the kind of glint (`GLINT_KINDS`): clear, rare, sparse, dense or a sheet.
+    Where it is dense or a sheet, and each pixel contains several waves, all pixels may have glint. The chosen level is
+    then lowered to the highest NIR that water can have, computed from the excess b / s - p, with b the value of a band,
+    s the slope of glint, p the prediction. The excess has no glint: it is w_b / s - w_NIR, with w_b and w_NIR those of
+    the water. In a visible band w_NIR is at most `DARKER` w_b / s, so at most `DARKER` / (1 - `DARKER`) times the
+    excess. The level is lowered only so far that the least glint is at most `LEAST_OF_MEDIAN` times the median glint,
+    and not below the lowest level. If waves are resolved, it is not lowered, as some of them face away from the sun.
     """
     together = slopes @ sample.prediction / slopes.sum()  # in units of the NIR
     span, middle = span_of(together, sample.apart), float(np.median(together))
     kind = "sparse" if span < SPARSE else "dense" if span < SHEET_SPAN else "sheet"
-    if span < MOSTLY_CLEAR or (resolved and _normal_tail(together)):
+    if span < MOSTLY_CLEAR or ((resolved or kind != "sheet") and _normal_tail(together)):
         kind = "clear" if span < SPARSE else "rare"
     searched, share, local = GLINT_KINDS[kind]
     if sample.apart.any():
@@ -226,9 +226,9 @@ def shared_level(
     ]
     lowest = min(raised + max(short, default=0.0), middle)
     chosen = max(raised, lowest)
-    if kind == "sheet" and not resolved:
+    if kind in ("dense", "sheet") and not resolved:
         uneven = (raised - LEAST_OF_MEDIAN * middle) / (1 - LEAST_OF_MEDIAN)
-        chosen = max(min(raised, _darkest(sample, slopes, visible)), uneven, lowest)
+        chosen = max(min(raised, _darkest(sample, slopes, of_glint)), uneven, lowest)
     interval = float(min(max(lowest, 0.0), chosen)), float(chosen), middle
     return np.asarray(level + (chosen - raised) * unit, np.float64), interval
 
@@ -269,12 +269,12 @@ def _units(glint: Float64, slopes: Float64) -> Float64:
     return glint / mean if mean > 0 and (glint > 0).all() else np.ones_like(glint)
 
 
-def _darkest(sample: LevelSample, slopes: Float64, visible: Mask | None) -> float:
-    """Highest possible NIR of the water, from the `visible` bands (see `shared_level`); infinite if there are none."""
-    if visible is None or not visible.any():
+def _darkest(sample: LevelSample, slopes: Float64, of_glint: Float64 | None) -> float:
+    """Highest possible NIR of the water, from the visible bands (see `shared_level`); infinite if there are none."""
+    if of_glint is None or not (visible := np.isfinite(of_glint)).any():
         return np.inf
     less = (together := slopes @ sample.prediction) <= np.median(together)
-    excess = sample.value[visible][:, less] / slopes[visible, None] - sample.prediction[visible][:, less]
+    excess = sample.value[visible][:, less] / of_glint[visible, None] - sample.prediction[visible][:, less]
     return DARKER / (1 - DARKER) * float(np.median(excess, axis=1).min())
 
 
@@ -286,7 +286,7 @@ def span_of(together: FloatArray, apart: Mask | None = None) -> float:
 
 
 def shared_level_error(
-    sample: LevelSample, slopes: Float64, visible: Mask | None = None, *, resolved: bool = False
+    sample: LevelSample, slopes: Float64, of_glint: Float64 | None = None, *, resolved: bool = False
 ) -> float:
     """Standard error of the level [unit of the NIR]; the arguments are as in `shared_level`.
 
@@ -298,10 +298,10 @@ def shared_level_error(
     sample = sample.some(slice(None, None, max(sample.prediction.shape[1] // LEVEL_PIXELS, 1)))
     pixels = sample.prediction.shape[1]
     group = np.arange(pixels) * FOLDS // pixels
-    left_out = [shared_level(sample.some(group != g), slopes, visible, resolved=resolved)[1][1] for g in range(FOLDS)]
+    left_out = [shared_level(sample.some(group != g), slopes, of_glint, resolved=resolved)[1][1] for g in range(FOLDS)]
     error = float(np.std(left_out) * np.sqrt(FOLDS - 1))
     if span_of(slopes @ sample.prediction / slopes.sum(), sample.apart) < SHEET_SPAN:
         return error
-    lowest, chosen, _ = shared_level(sample, slopes, visible, resolved=resolved)[1]
-    lowest = min(lowest, max(_darkest(sample, slopes, visible), 0.0))
+    lowest, chosen, _ = shared_level(sample, slopes, of_glint, resolved=resolved)[1]
+    lowest = min(lowest, max(_darkest(sample, slopes, of_glint), 0.0))
     return float(np.hypot(error, (chosen - lowest) / np.sqrt(6)))

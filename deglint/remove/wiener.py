@@ -6,7 +6,7 @@ R_r is a reference, read at the offsets o: the NIR taken at the time of the band
 one, with ships, surf and land replaced by the water around (`deglint.remove.reference`). The kernels k are fitted by
 least squares over open water, minus a local plane in every band (`deglint.remove.kernels`). They model displacement and
 blur between the glint of two bands, and average the noise of the reference. The sum of a kernel (response to uniform
-glint) is shifted toward the spectrum of glint (`shared_glint`). All bands are corrected, or none. The levels p_b0, and
+glint) is shifted toward the spectrum of glint (`spectrum`). All bands are corrected, or none. The levels p_b0, and
 lower limits of L'_b, are in `levels`. With one pixel, no plane and the minimum as level it is Hedley's method.
 
 It fails for unknown strips with other band delays, for a homogeneous sheet of glint (an image does not show its level),
@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,7 @@ from .noise import faint_weight
 from .predict import predictions
 from .reference import FACTOR, OFTEN, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
+from .spectrum import CommonGlint, shared_glint, slopes_of_glint
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_better
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
@@ -49,11 +50,8 @@ glint. Clear and moderately turbid water has .05 to .4, including light scattere
 UNLIKE = 40.0
 """Ratio of a band's local variance that the NIR does not explain to the lower quartile of this variance in the sample.
 Above it the NIR shows the bottom or sediment: glint varies less over pixels wider than waves, a reef varies more."""
-VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 SHORTEST_SWIR = 1100.0  # shortest wavelength of SWIR [nm]: the limit of silicon detectors
 COARSE_EDGE = 2  # width of mixed pixels of a SWIR band, which has half the resolution in most sensors [pixel]
-COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
-SUN_ZENITH = 40.0  # for the spectrum of glint [degree], which changes by less than `COLOUR` from 20 to 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,9 +322,9 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     slopes = np.array([f.slope for f in model.fits])
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
     sample = _level_sample(model, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
-    visible = np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct])
-    level, interval = shared_level(sample, slopes, visible, resolved=request.resolved)
-    error = shared_level_error(sample, slopes, visible, resolved=request.resolved) if request.level_error else None
+    of_glint = slopes_of_glint(slopes, request)
+    level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
+    error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
     second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
     green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
@@ -347,54 +345,3 @@ def _sheet_warning(interval: tuple[float, float, float], green: float) -> tuple[
         f"of glint, the glint-free NIR is between {lowest:.4g} and {middle:.4g}, and much of the sheet is left."
     )
     return (warning,) if chosen > max(SHEET * green, 0) else ()
-
-
-class CommonGlint(NamedTuple):
-    """Estimate of the glint that is common to the bands, as `shared_glint` makes it."""
-
-    weights: Float64  # (band,), which estimate the strength of glint from the bands
-    response: Float64  # (band,): new responses of the bands
-    covariance: Float64  # (band, band): of the responses that were fitted
-
-
-def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
-    r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
-
-    The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint
-    with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
-    the posterior means, between s and a c.
-
-    .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
-        s' = a c + P S^{-1} (s - a c)
-
-    V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
-    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s.
-    """
-    tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
-    if request.regression == "ols":
-        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance)
-    tried = []
-    for colour in _colours(request):
-        size = float(np.median(response / colour))
-        for _ in range(3):  # the prior is relative to the size, which converges at once
-            prior = np.diag((COLOUR * size * colour) ** 2)
-            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
-            size = float(weights @ response / (weights @ colour))
-        away = response - size * colour
-        scaled = np.linalg.solve(covariance + prior + tiny, away)
-        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance)))
-    return min(tried, key=lambda t: t[0])[1]
-
-
-def _colours(request: FitRequest) -> list[Float64]:
-    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if bands are all 300..1000 nm."""
-    from ..physics.atmosphere import irradiance
-
-    grey = np.ones(len(request.correct))
-    bands, both = request.bands, zip(request.correct, request.nir, strict=True)
-    pairs = [(bands[b].wavelength, bands[nir].wavelength) for b, nir in both]
-    if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
-        return [grey]
-    own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
-    return [grey, own / nir]

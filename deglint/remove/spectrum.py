@@ -1,0 +1,79 @@
+"""Spectrum of sun glint, toward which slopes are shifted, and which limits the possible NIR of the water."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..moments import Float64
+from .request import FitRequest
+
+VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
+COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
+SUN_ZENITH = 40.0  # for the spectrum of glint [degree], which changes by less than `COLOUR` from 20 to 60
+
+
+class CommonGlint(NamedTuple):
+    """Estimate of the glint that is common to the bands, as `shared_glint` makes it."""
+
+    weights: Float64  # (band,), which estimate the strength of glint from the bands
+    response: Float64  # (band,): new responses of the bands
+    covariance: Float64  # (band, band): of the responses that were fitted
+
+
+def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
+    r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
+
+    The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint
+    with the spectrum c is estimated by generalised least squares from the fitted responses s. The new responses s' are
+    the posterior means, between s and a c.
+
+    .. math:: a = \frac{c^T S^{-1} s}{c^T S^{-1} c}, \quad S = V + P, \quad P = \mathrm{diag}(0.2\, a c)^2, \quad
+        s' = a c + P S^{-1} (s - a c)
+
+    V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
+    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s.
+    """
+    tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
+    if request.regression == "ols":
+        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance)
+    tried = []
+    for colour in spectra(request):
+        size = float(np.median(response / colour))
+        for _ in range(3):  # the prior is relative to the size, which converges at once
+            prior = np.diag((COLOUR * size * colour) ** 2)
+            weights = np.asarray(np.linalg.solve(covariance + prior + tiny, colour), np.float64)
+            size = float(weights @ response / (weights @ colour))
+        away = response - size * colour
+        scaled = np.linalg.solve(covariance + prior + tiny, away)
+        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
+        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance)))
+    return min(tried, key=lambda t: t[0])[1]
+
+
+def slopes_of_glint(slopes: Float64, request: FitRequest) -> Float64:
+    """Slopes that glint alone has, (band,), in visible bands; NaN in other bands.
+
+    Fitted `slopes` (band,) are up to `COLOUR` too small where noise or delays hide a part of the glint. They are too
+    large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both cases the
+    slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones.
+    """
+    spectrum = min(spectra(request), key=lambda c: abs(np.log(np.median(slopes / c))))
+    steep = slopes / spectrum
+    wrong = (steep > 1 - COLOUR) & ((steep < 1) | (steep > 1 + COLOUR))
+    visible = [(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct]
+    return np.where(visible, np.where(wrong, spectrum, slopes), np.nan)
+
+
+def spectra(request: FitRequest) -> list[Float64]:
+    """Possible spectra of glint relative to the NIR, (band,): 1, and that of sunlight if bands are all 300..1000 nm."""
+    from ..physics.atmosphere import irradiance
+
+    grey = np.ones(len(request.correct))
+    bands, both = request.bands, zip(request.correct, request.nir, strict=True)
+    pairs = [(bands[b].wavelength, bands[nir].wavelength) for b, nir in both]
+    if not all(w and 300 <= w <= 1000 for pair in pairs for w in pair):
+        return [grey]
+    own, nir = (irradiance(np.array(w, float), SUN_ZENITH).direct for w in zip(*pairs, strict=True))
+    return [grey, own / nir]
