@@ -235,7 +235,10 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock."""
+    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock.
+
+    On a file system without locks nothing is locked.
+    """
     path = directory / ".deglint-batch.lock"
     with path.open("wb") as file:
         try:
@@ -247,6 +250,9 @@ def claimed(directory: Path) -> Iterator[None]:
                 import fcntl
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held = os.fstat(file.fileno())
+                if identity(path) != (held.st_dev, held.st_ino):
+                    raise BlockingIOError  # another batch has removed this file at its end
         except (BlockingIOError, PermissionError):
             raise WriteError(f"another batch is writing into {directory}. Wait, or give another directory.") from None
         except OSError:  # a file system without locks
