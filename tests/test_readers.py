@@ -172,6 +172,8 @@ def test_units():
     assert nanometres(20000, "Wavenumber") is None
     assert nanometres(30) == 30000
     assert nanometres(31) == 31
+    assert nanometres(0.49, "nanometers") == 0.49
+    assert [nanometres(0.49, unit) for unit in ("N/A", "None", "nan")] == [490] * 3
 
 
 def test_sentinel2_codes_give_wavelengths(tmp_path):

@@ -168,7 +168,9 @@ def nanometres(value: float, unit: str = "") -> float | None:
         return None
     if name.startswith(("angstrom", "ångström", "å")):
         return round(value / 10, 6)
-    micrometres = name.startswith(("um", "µm", "μm", "micro")) or (name[:1] != "n" and value <= _LARGEST_MICROMETRE)
+    if name.startswith(("nm", "nano")):
+        return value
+    micrometres = name.startswith(("um", "µm", "μm", "micro")) or value <= _LARGEST_MICROMETRE
     return round(value * 1000, 6) if micrometres else value
 
 
