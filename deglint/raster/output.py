@@ -318,7 +318,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 
 def _describe(dataset: Any, layout: Layout) -> None:
-    """Write all metadata of the layout, before any pixel is written, so that the header comes first in the file."""
+    """Write names, units, scales, colours, tags, GCPs and RPCs, before any pixel, so that the header comes first."""
     from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 
