@@ -141,14 +141,11 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
     numbers = np.asarray(array.coords[name].values).reshape(-1) if known else np.arange(1, count + 1)
-    found = {}
-    for key, value in array.attrs.items():
-        if not isinstance(value, (list, tuple, np.ndarray)):
-            continue
-        inside = len(numbers) == count and numbers.min() >= 1 and numbers.max() <= len(value)
-        if inside and (known or len(value) == count):
-            found[key] = [_plain(value[n - 1]) for n in numbers]
-    return found
+    if len(numbers) != count or numbers.min() < 1:
+        return {}
+    lists = {k: v for k, v in array.attrs.items() if isinstance(v, (list, tuple, np.ndarray))}
+    fits = {k: v for k, v in lists.items() if numbers.max() <= len(v) and (known or len(v) == count)}
+    return {k: [_plain(v[n - 1]) for n in numbers] for k, v in fits.items()}
 
 
 def _bands(
@@ -175,12 +172,9 @@ def _bands(
 
 
 def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:
-    for place in places:
-        for name in names:
-            found = _floats(place.get(name))
-            if len(found) in (1, count):
-                return tuple(found) * (count // len(found))
-    return (default,) * count
+    stated = (_floats(place.get(name)) for place in places for name in names)
+    found = next((numbers for numbers in stated if len(numbers) in (1, count)), [default])
+    return tuple(found) * (count // len(found))
 
 
 def _floats(value: Any) -> list[float]:

@@ -157,7 +157,10 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean direction of `nodes`; None and None if none states both angles."""
+    """Zenith angle and azimuth [degree] of the mean direction of `nodes`, or None twice if none states both angles.
+
+    Azimuths of 350 and 10 have the mean 0.
+    """
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
     if not known:
