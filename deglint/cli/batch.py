@@ -23,18 +23,16 @@ if TYPE_CHECKING:
     from ..batch import Outcome
 
 log = logging.getLogger(__name__)
+OVERWRITE = (
+    "Make again what exists and was made by another recipe or of another input. What is finished is never made again."
+)
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("recipe", type=FILE, metavar="RECIPE.toml")
 @click.argument("scenes", nargs=-1, required=True, type=FILE, metavar="SCENES...")
 @heading("Output")
-@click.option(
-    "--overwrite",
-    is_flag=True,
-    help="Make again what exists and was made by another recipe or of another input. What is finished is "
-    "never made again.",
-)
+@click.option("--overwrite", is_flag=True, help=OVERWRITE)
 @click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
 @click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one.")

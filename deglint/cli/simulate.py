@@ -41,6 +41,7 @@ def _boat(text: str) -> tuple[float, ...]:
 SPECTRUM = ChoiceFromTable("Spectrum", "deglint.physics.waves")
 SLOPE_LAW = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
 KERNEL = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
+BOAT = "A boat of 8 m: its place [m], speed and heading."
 read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
 read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
 read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
@@ -68,13 +69,7 @@ read_foam = parsed(lambda text: None if text == "auto" else float(text), "is nei
 @click.option("--texture", default=0.4, metavar="SHARE", help="For --bottom: share of patches of algae.")
 @click.option("--coast", default=0.0, metavar="M", help="Width of land along the right edge.")
 @click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: by the wind.")
-@click.option(
-    "--boat",
-    multiple=True,
-    callback=read_boats,
-    metavar="RIGHT,DOWN,M/S@DEG",
-    help="A boat of 8 m: its place [m], speed and heading.",
-)
+@click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG", help=BOAT)
 @heading("Sensor")
 @click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor.")
 @click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Image size [pixel].")
