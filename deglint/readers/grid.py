@@ -20,7 +20,6 @@ from ..scene import Scene
 from .bands import nominal_pixel
 from .text import positive
 
-Bounds = tuple[float, float, float, float]  # left, bottom, right, top
 _SAME_CORNER = 0.01  # grids whose corners differ by less than this are taken as the same [pixel]
 _GEOCENTRIC = "EPSG:4978"  # x, y, z from the centre of the WGS 84 ellipsoid [m]
 _NEGLIGIBLE_DISTORTION = 0.01  # relative; below it, a projection's lengths are used as they are (UTM: up to 0.001)
@@ -37,17 +36,17 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
             raise InputError(
                 f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
             )
-    bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
+    areas = [_place(info, infos[0])[1] for info in infos]
     chosen = _choose(infos, areas, grid)
-    reference, here = infos[chosen], bounds[chosen]
+    reference = infos[chosen]
     files: list[FileBands] = []
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
-    for info, there, area in zip(infos, bounds, areas, strict=True):
+    for info, area in zip(infos, areas, strict=True):
         if same_grid(info, reference):
             files.append(FileBands.of(info))
             continue
-        if not _overlap(there, here, infos[0].crs):
+        if not overlap(info, reference):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
@@ -89,21 +88,19 @@ def _transform(info: RasterInfo | Scene) -> Any:
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
 
 
-def _overlap(one: Bounds, other: Bounds, crs: Any) -> bool:
-    """Whether two bounds in a CRS overlap; longitudes a turn apart are the same, and left may be 179, right -179."""
-    turn = 360.0 if crs is not None and crs.is_geographic else 0.0
-    (left, bottom, right, top), (west, south, east, north) = one, other
-    right, east = right + turn * (right < left), east + turn * (east < west)
+def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
+    """Whether the bounds of two files overlap, in the CRS of `reference`; longitudes a turn apart are the same.
+
+    Raises InputError if the bounds cannot be brought into this CRS.
+    """
+    (left, bottom, right, top), (west, south, east, north) = (_place(i, reference)[0] for i in (info, reference))
+    turn = 360.0 if reference.crs is not None and reference.crs.is_geographic else 0.0
+    right += turn * (right < left)  # it lies across 180 degrees
     beside = any(max(left + way, west) < min(right + way, east) for way in (-turn, 0.0, turn))
     return beside and max(bottom, south) < min(top, north)
 
 
-def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
-    """Whether the bounds of a file and of `reference` overlap. Raises InputError if CRS cannot be transformed."""
-    return _overlap(_place(info, reference)[0], _place(reference, reference)[0], reference.crs)
-
-
-def _place(info: RasterInfo, first: RasterInfo) -> tuple[Bounds, float]:
+def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
     """Bounds (left, bottom, right, top) of a file, and the area of one of its pixels, in the CRS of file `first`."""
     transform = _transform(info)
     xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
