@@ -95,7 +95,6 @@ def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
     """
     (left, bottom, right, top), (west, south, east, north) = (_place(i, reference)[0] for i in (info, reference))
     turn = 360.0 if reference.crs is not None and reference.crs.is_geographic else 0.0
-    right += turn * (right < left)  # it lies across 180 degrees
     beside = any(max(left + way, west) < min(right + way, east) for way in (-turn, 0.0, turn))
     return beside and max(bottom, south) < min(top, north)
 
@@ -112,6 +111,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
         own = (right - left) * (top - bottom)
         try:
             left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
+            right += 360.0 * (right < left)  # across 180 degrees
             area *= abs((right - left) * (top - bottom)) / own
         except gdal_errors(ArithmeticError) as error:
             raise InputError(
