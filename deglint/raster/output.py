@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from logging.handlers import BufferingHandler
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -94,7 +94,7 @@ def _block_side(tile: int, size: int, own: int) -> int:
     return next((side for side in _SIDES[::-1] if tile % side == 0), 16)
 
 
-class RasterWriter:
+class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
     """Write a GeoTIFF window by window, in one thread.
 
     `path` is the scratch file that is written; `target` is the final file, whose name is in error messages. Use the
@@ -119,9 +119,6 @@ class RasterWriter:
             if layout.masked:
                 # the header of the mask must precede the data, too
                 self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:

@@ -18,7 +18,6 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Self
 
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
@@ -160,7 +159,7 @@ def check_ending(path: Path | None, what: str, *endings: str) -> None:
         raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")
 
 
-class Scratch:
+class Scratch(contextlib.AbstractContextManager["Scratch"]):
     """Write several files together, or none of them.
 
     Use it as a context manager: at the end of the block, every scratch file is renamed to its target; after an error
@@ -171,9 +170,6 @@ class Scratch:
     def __init__(self, *, overwrite: bool = True) -> None:
         self._files: dict[Path, Path] = {}  # scratch files by target
         self._overwrite = overwrite
-
-    def __enter__(self) -> Self:
-        return self
 
     def add(self, target: Path) -> Path:
         """Return the path of a scratch file to write; at the end of the `with` block it is renamed to `target`."""
