@@ -41,7 +41,7 @@ def setting(option: str, place: str, unit: str | None, said: str, kind: Any = fl
     return click.option(option, type=kind, metavar=unit, help=said)
 
 
-HELP = {
+SAID = {
     "--wind": "Wind at 10 m @ azimuth it blows from; 5@0 by default.",
     "--wind-within": "The wind is known to plus or minus this: intervals, and what is good under all of them.",
     "--out": "Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated.",
@@ -64,7 +64,7 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str)
 @click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun, in place of place and time.")
 @heading("Wind and air")
-@click.option("--wind", callback=read_wind, metavar="M/S@FROM", help=HELP["--wind"])
+@click.option("--wind", callback=read_wind, metavar="M/S@FROM", help=SAID["--wind"])
 @setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default.")
 @setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default.")
 @setting("--visibility", "air.visibility", "KM", "Visibility; 40 by default.")
@@ -95,7 +95,7 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @click.option("--to", "end", metavar="ISO", help="the last,")
 @click.option("--every", callback=read_step, metavar="30min", help="and the step between them; 30min by default.")
 @heading("If the wind is uncertain")
-@click.option("--wind-within", callback=read_range, metavar="M/S@DEG", help=HELP["--wind-within"])
+@click.option("--wind-within", callback=read_range, metavar="M/S@DEG", help=SAID["--wind-within"])
 @heading("Which way to fly")
 @click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line.")
 @click.option("--altitude", type=float, metavar="M", help="--fov: altitude above the sea; 300 by default.")
@@ -106,7 +106,7 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 8765 by default; 0: a free one.")
 @click.option("--no-browser", is_flag=True, help="--serve: only say the address.")
 @heading("Output")
-@click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE", help=HELP["--out"])
+@click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE", help=SAID["--out"])
 @setting("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default.")
 @setting("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default.")
 @click.option("--show", metavar="BAND", help="Band in the picture; all together by default.")

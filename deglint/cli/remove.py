@@ -27,7 +27,7 @@ REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
 NIR_USE = click.Choice(["auto", "mean", "best", "set"])
 DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"])
 PERCENT = click.FloatRange(0, 100)
-WIDTH = "4m, or 16px where the size of a pixel is not known"
+KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"
 HELP = {
     "--method": "How to remove glint; auto: the candidate with the least expected error on sample tiles.",
     "--sample": "Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
@@ -61,7 +61,7 @@ HELP = {
 @click.option("--method", type=METHOD, default="auto", help=HELP["--method"])
 @options.place("--sample", "auto|all|FILE.geojson|WINDOW", HELP["--sample"])
 @options.place("--compensate", "auto|thesis|off|STAGES", HELP["--compensate"])
-@click.option("--smallest-object", default="", metavar="WIDTH", show_default=WIDTH, help=HELP["--smallest-object"])
+@click.option("--smallest-object", default="", metavar="WIDTH", show_default=KEPT_WIDTH, help=HELP["--smallest-object"])
 @options.place("--mask", "auto|none|FILE|WINDOW", HELP["--mask"])
 @options.bands_to("-b", "--band", "bands", shown="all of shorter wavelength than the NIR", said=HELP["--band"])
 @click.option("--model", "model_in", type=FILE, help="Apply this saved model instead of fitting one.")
