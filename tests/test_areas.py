@@ -243,6 +243,22 @@ def test_a_mask_in_another_crs_is_reprojected(scene, write, tmp_path):
     np.testing.assert_array_equal(area_of(scene, path).read(((11, 50), (21, 60))), True)
 
 
+@pytest.mark.parametrize("place", [from_origin(500_000, 800_000, 10, 10), from_origin(400_000, 900_000, 10, 10)])
+def test_a_mask_beside_the_scene_is_refused(scene, write, tmp_path, place):
+    with pytest.raises(InputError, match=r"--sample .*m\.tif lies off the scene: .*Check its CRS"):
+        area_of(scene, write(tmp_path / "m.tif", mask_array(), transform=place))
+
+
+@pytest.mark.parametrize("west", [-180, 0])
+def test_a_mask_of_the_whole_earth_holds_a_scene_on_either_side_of_180_degrees(sea, write, tmp_path, west):
+    across = from_origin(829_000, 1_000_000, 10, 10)  # of UTM zone 60: 180 degrees run through it
+    scene = open_scene(write(tmp_path / "in.tif", sea(HEIGHT, 600), crs="EPSG:32660", transform=across))
+    earth = write(
+        tmp_path / "m.tif", np.ones((1, 18, 36), np.uint8), crs="EPSG:4326", transform=from_origin(west, 90, 10, 10)
+    )
+    assert area_of(scene, earth).read(((0, HEIGHT), (0, 600))).any()
+
+
 def test_a_mask_of_another_size_without_crs_is_refused(scene, write, tmp_path):
     path = write(tmp_path / "m.tif", mask_array()[:, 1:], crs=None)
     with pytest.raises(InputError, match="79 x 100 pixels, the scene 80 x 100"):

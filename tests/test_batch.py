@@ -198,6 +198,19 @@ def test_two_batches_do_not_work_in_one_directory(deglint, place):
         pass
 
 
+def test_a_lock_that_its_batch_removed_at_the_end_is_no_lock(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+    lock = fcntl.flock
+
+    def late(*given):
+        (tmp_path / ".deglint-batch.lock").unlink()
+        lock(*given)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(WriteError, match="another batch is writing"), claimed(tmp_path):
+        pass
+
+
 def test_a_table_replaces_nothing_but_a_table(deglint, place):
     ran = deglint("batch", place / "r.toml", place / "in" / "a.tif", "--table", place / "in" / "b.tif")
     assert ran.code == 1

@@ -338,3 +338,9 @@ def test_an_input_that_changes_under_way(sea, write, tmp_path, how):
         remove_glint(source, tmp_path / "out.tif", HEDLEY, overwrite=True, threads=1, progress=progress)
     assert (tmp_path / "out.tif").read_bytes() == b"old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.tif", "out.tif"]
+
+
+@pytest.mark.parametrize("before", ["", "./", "/vsizip/"])
+def test_a_name_that_is_too_long_for_a_file_has_no_files_behind(before):
+    name = before + 300 * "x"
+    assert files_behind([name]) == (name,)

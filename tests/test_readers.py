@@ -168,10 +168,19 @@ def test_ranges_in_names_give_roles(tmp_path):
     assert find_nir(scene) == (3,)
 
 
+@pytest.mark.parametrize(("width", "expected"), [("10", 10), ("1", 1), ("0.02", 20)])
+def test_a_width_of_no_known_unit_has_that_which_its_size_suggests(tmp_path, width, expected):
+    tags = [{"wavelength": "490", "wavelength_units": "Unknown", "fwhm": width}]
+    (band,) = open_scene(write(tmp_path / "a.tif", zeros(1), band_tags=tags)).bands
+    assert (band.wavelength, band.width) == (490, expected)
+
+
 def test_units():
     assert nanometres(20000, "Wavenumber") is None
     assert nanometres(30) == 30000
     assert nanometres(31) == 31
+    assert nanometres(0.49, "nanometers") == 0.49
+    assert [nanometres(0.49, unit) for unit in ("N/A", "None", "nan")] == [490] * 3
 
 
 def test_sentinel2_codes_give_wavelengths(tmp_path):

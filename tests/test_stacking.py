@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from rasterio.transform import from_origin
 
 from deglint.errors import InputError
 from deglint.pipeline import Recipe, remove_glint
@@ -47,6 +48,15 @@ def test_stacked_files_say_names_wavelengths_and_units(deglint, files, tmp_path)
     known = json.loads(deglint("info", out, "--json").out)
     assert [b["wavelength"] for b in known["bands"]] == [492, 560, 665, 833]
     assert known["nir"] == ["B08"]
+
+
+def test_files_on_both_sides_of_180_degrees_are_stacked(write, tmp_path):
+    seven = np.full((1, 300, 300), 7, np.uint16)
+    fine = write(tmp_path / "a.tif", seven, crs="EPSG:4326", transform=from_origin(179.995, 9.03, 1e-4, 1e-4))
+    zone60 = write(tmp_path / "b.tif", seven, crs="EPSG:32660", transform=from_origin(828_000, 1_001_000, 20, 20))
+    scene = open_scene([fine, zone60])
+    assert scene.notes[0].endswith("resampled (bilinear) to the grid of " + fine)
+    assert (scene.read() == 7).all()
 
 
 @pytest.mark.parametrize("option", [("-b", "B02"), ("--mask", "water"), ("--method", "residual", "--nir", "B08")])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import COUNT, FILE, SETTINGS, Grouped, heading, messages, with_options
+from .options import COUNT, FILE, SETTINGS, Grouped, heading, messages
 from .remove import read_bytes, size
 from .running import Console
 
@@ -23,31 +23,25 @@ if TYPE_CHECKING:
     from ..batch import Outcome
 
 log = logging.getLogger(__name__)
-
-batch_options = with_options(
-    heading("Output"),
-    click.option(
-        "--overwrite",
-        is_flag=True,
-        help="Make again what exists and was made by another recipe or of another input. What is finished is "
-        "never made again.",
-    ),
-    click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory."),
-    click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing."),
-    click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one."),
-    heading("Processing"),
-    click.option("--jobs", type=COUNT, default=1, metavar="N", help="Scenes at a time, each in a process of its own."),
-    click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads each."),
-    heading("Messages"),
-    click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON."),
-    messages,
+OVERWRITE = (
+    "Make again what exists and was made by another recipe or of another input. What is finished is never made again."
 )
 
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("recipe", type=FILE, metavar="RECIPE.toml")
 @click.argument("scenes", nargs=-1, required=True, type=FILE, metavar="SCENES...")
-@batch_options
+@heading("Output")
+@click.option("--overwrite", is_flag=True, help=OVERWRITE)
+@click.option("--directory", type=FILE, metavar="DIR", help="Where outputs go, in place of the recipe's directory.")
+@click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
+@click.option("--table", type=FILE, metavar="FILE.csv", help="Write the summary as CSV, too, over an older one.")
+@heading("Processing")
+@click.option("--jobs", type=COUNT, default=1, metavar="N", help="Scenes at a time, each in a process of its own.")
+@click.option("--threads", type=COUNT, metavar="N", show_default="all processors, shared out", help="Threads each.")
+@heading("Messages")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary on stdout as JSON.")
+@messages
 def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     """Remove sun glint from many SCENES as RECIPE.toml says.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Grouped, heading, messages, parsed, with_options
+from .options import FILE, SENSOR_CHOICE, SKY_CHOICE, ChoiceFromTable, Grouped, heading, messages, parsed
 
 log = logging.getLogger(__name__)
 
@@ -41,91 +41,79 @@ def setting(option: str, place: str, unit: str | None, said: str, kind: Any = fl
     return click.option(option, type=kind, metavar=unit, help=said)
 
 
+SAID = {
+    "--wind": "Wind at 10 m @ azimuth it blows from; 5@0 by default.",
+    "--wind-within": "The wind is known to plus or minus this: intervals, and what is good under all of them.",
+    "--out": "Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated.",
+}
+"""Help texts that do not fit in the line of their option."""
 SLOPES_CHOICE = ChoiceFromTable("MODELS", "deglint.physics.slopes")
 WATER_CHOICE = ChoiceFromTable("WATERS", "deglint.plan.mission")
 read_sun = at("zenith", "azimuth", "20.5@270.2, zenith angle @ azimuth [degree]")
 read_wind = at("speed", "from", "7@310, speed [m/s] @ azimuth that it blows from [degree]")
 read_range = at("speed", "turn", "2@30, speed [m/s] @ angle [degree]")
 read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
-plan_options = with_options(
-    heading("Place, time and sun"),
-    click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it."),
-    setting("--lat", "place.latitude", "DEG", "Latitude, north positive."),
-    setting("--lon", "place.longitude", "DEG", "Longitude, east positive."),
-    click.option("--place", type=FILE, help="Raster or GeoJSON whose middle is the place."),
-    setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str),
-    click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun, in place of place and time."),
-    heading("Wind and air"),
-    click.option(
-        "--wind", callback=read_wind, metavar="M/S@FROM", help="Wind at 10 m @ azimuth it blows from; 5@0 by default."
-    ),
-    setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default."),
-    setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default."),
-    setting("--visibility", "air.visibility", "KM", "Visibility; 40 by default."),
-    setting("--humidity", "air.humidity", "%", "Relative humidity; 80 by default."),
-    setting("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air; 2.5 by default."),
-    setting("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent."),
-    setting("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default."),
-    setting("--pressure", "air.pressure", "HPA", "Air pressure, or with its unit, 29.9inHg; 1013.25 by default.", str),
-    setting("--slopes", "models.slopes", None, "Model of the slopes of waves; cox-munk by default.", SLOPES_CHOICE),
-    setting("--sky", "models.sky", None, "Model of the sky; harrison-coombes, the clear sky, by default.", SKY_CHOICE),
-    heading("Target, water and sensor"),
-    setting("--depth", "object.depth", "M", "Depth of the object; 5 by default."),
-    setting("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default."),
-    setting("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default."),
-    setting("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default."),
-    setting("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default."),
-    setting("--sensor", "sensor.preset", None, "Sensor; thesis by default.", SENSOR_CHOICE),
-    click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands to plan for; all by default."),
-    setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE),
-    heading("What is excluded"),
-    setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default."),
-    setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea mirroring the sun."),
-    setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun; its disk by default."),
-    setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky; 2 by default."),
-    setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea; 0.1 by default."),
-    heading("When to fly"),
-    click.option("--from", "start", metavar="ISO", help="Compare times: the first,"),
-    click.option("--to", "end", metavar="ISO", help="the last,"),
-    click.option("--every", callback=read_step, metavar="30min", help="and the step between them; 30min by default."),
-    heading("If the wind is uncertain"),
-    click.option(
-        "--wind-within",
-        callback=read_range,
-        metavar="M/S@DEG",
-        help="The wind is known to plus or minus this: intervals, and what is good under all of them.",
-    ),
-    heading("Which way to fly"),
-    click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line."),
-    click.option("--altitude", type=float, metavar="M", help="--fov: altitude above the sea; 300 by default."),
-    click.option("--pitch", type=float, metavar="DEG", help="--fov: the sensor looks forward by this,"),
-    click.option("--roll", type=float, metavar="DEG", help="and to the right by this."),
-    heading("A page with sliders"),
-    click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it."),
-    click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 8765 by default; 0: a free one."),
-    click.option("--no-browser", is_flag=True, help="--serve: only say the address."),
-    heading("Output"),
-    click.option(
-        "-o",
-        "--out",
-        "outs",
-        multiple=True,
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated.",
-    ),
-    setting("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default."),
-    setting("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default."),
-    click.option("--show", metavar="BAND", help="Band in the picture; all together by default."),
-    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
-    heading("Messages"),
-    click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout."),
-    messages,
-)
 
 
 @click.command(cls=Grouped, context_settings={"help_option_names": ["-h", "--help"]})
-@plan_options
+@heading("Place, time and sun")
+@click.option("--mission", type=FILE, metavar="FILE.toml", help="Mission file; options win over it.")
+@setting("--lat", "place.latitude", "DEG", "Latitude, north positive.")
+@setting("--lon", "place.longitude", "DEG", "Longitude, east positive.")
+@click.option("--place", type=FILE, help="Raster or GeoJSON whose middle is the place.")
+@setting("--time", "place.time", "ISO", "UTC, such as 2026-06-21T18:00Z; now by default.", str)
+@click.option("--sun", callback=read_sun, metavar="ZENITH@AZIMUTH", help="The sun, in place of place and time.")
+@heading("Wind and air")
+@click.option("--wind", callback=read_wind, metavar="M/S@FROM", help=SAID["--wind"])
+@setting("--wind-height", "wind.height", "M", "Height of the wind; 10 by default.")
+@setting("--wind-mean", "wind.mean", "M/S", "Mean wind of 24 hours; that of now by default.")
+@setting("--visibility", "air.visibility", "KM", "Visibility; 40 by default.")
+@setting("--humidity", "air.humidity", "%", "Relative humidity; 80 by default.")
+@setting("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air; 2.5 by default.")
+@setting("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent.")
+@setting("--ozone", "air.ozone", "DU", "Column of ozone; what is usual for place and day by default.")
+@setting("--pressure", "air.pressure", "HPA", "Air pressure, or with its unit, 29.9inHg; 1013.25 by default.", str)
+@setting("--slopes", "models.slopes", None, "Model of the slopes of waves; cox-munk by default.", SLOPES_CHOICE)
+@setting("--sky", "models.sky", None, "Model of the sky; harrison-coombes, the clear sky, by default.", SKY_CHOICE)
+@heading("Target, water and sensor")
+@setting("--depth", "object.depth", "M", "Depth of the object; 5 by default.")
+@setting("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object; 0.15 by default.")
+@setting("--chlorophyll", "water.chlorophyll", "MG/M3", "Chlorophyll in the water; 0.5 by default.")
+@setting("--min-contrast", "limits.snr", "N", "Least contrast over noise that shows an object; 3 by default.")
+@setting("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1]; the sensor's own by default.")
+@setting("--sensor", "sensor.preset", None, "Sensor; thesis by default.", SENSOR_CHOICE)
+@click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands to plan for; all by default.")
+@setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE)
+@heading("What is excluded")
+@setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight; 1e-3 by default.")
+@setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Largest share of sea mirroring the sun.")
+@setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun; its disk by default.")
+@setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky; 2 by default.")
+@setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea; 0.1 by default.")
+@heading("When to fly")
+@click.option("--from", "start", metavar="ISO", help="Compare times: the first,")
+@click.option("--to", "end", metavar="ISO", help="the last,")
+@click.option("--every", callback=read_step, metavar="30min", help="and the step between them; 30min by default.")
+@heading("If the wind is uncertain")
+@click.option("--wind-within", callback=read_range, metavar="M/S@DEG", help=SAID["--wind-within"])
+@heading("Which way to fly")
+@click.option("--fov", metavar="ACROSS[xALONG]", help="Field of view [degree]: best heading of a flight line.")
+@click.option("--altitude", type=float, metavar="M", help="--fov: altitude above the sea; 300 by default.")
+@click.option("--pitch", type=float, metavar="DEG", help="--fov: the sensor looks forward by this,")
+@click.option("--roll", type=float, metavar="DEG", help="and to the right by this.")
+@heading("A page with sliders")
+@click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it.")
+@click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 8765 by default; 0: a free one.")
+@click.option("--no-browser", is_flag=True, help="--serve: only say the address.")
+@heading("Output")
+@click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE", help=SAID["--out"])
+@setting("--step", "view.step", "DEG", "Angle between viewing geometries; 1 by default.")
+@setting("--widest", "view.widest", "DEG", "Largest angle of the sensor off nadir; 80 by default.")
+@click.option("--show", metavar="BAND", help="Band in the picture; all together by default.")
+@click.option("--overwrite", is_flag=True, help="Replace files that are there.")
+@heading("Messages")
+@click.option("--json", "as_json", is_flag=True, help="Print the plan in short as JSON on stdout.")
+@messages
 def plan(**given: Any) -> None:
     """Find the viewing geometries from which sun glint does not hide an object under water.
 

@@ -27,6 +27,7 @@ REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
 NIR_USE = click.Choice(["auto", "mean", "best", "set"])
 DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"])
 PERCENT = click.FloatRange(0, 100)
+KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"
 HELP = {
     "--method": "How to remove glint; auto: the candidate with the least expected error on sample tiles.",
     "--sample": "Water to fit to; auto: all open water for wiener, else deep, glinted water. WINDOW is "
@@ -51,49 +52,40 @@ HELP = {
     "--dtype": "Type of the output. Values of integer types are rounded, and clipped to the range of the type.",
 }
 """Help texts that do not fit in the line of their option."""
-remove_options = options.with_options(
-    heading("What to do"),
-    click.option("--method", type=METHOD, default="auto", help=HELP["--method"]),
-    options.place("--sample", "auto|all|FILE.geojson|WINDOW", HELP["--sample"]),
-    options.place("--compensate", "auto|thesis|off|STAGES", HELP["--compensate"]),
-    click.option(
-        "--smallest-object",
-        default="",
-        metavar="WIDTH",
-        show_default="4m, or 16px where the size of a pixel is not known",
-        help=HELP["--smallest-object"],
-    ),
-    options.place("--mask", "auto|none|FILE|WINDOW", HELP["--mask"]),
-    options.bands_to("-b", "--band", "bands", shown="all of shorter wavelength than the NIR", said=HELP["--band"]),
-    click.option("--model", "model_in", type=FILE, help="Apply this saved model instead of fitting one."),
-    heading("Details of the fit"),
-    click.option("--regression", type=REGRESSION, default="auto", help=HELP["--regression"]),
-    click.option("--floor-percentile", type=PERCENT, default=0.0, metavar="PERCENT", help=HELP["--floor-percentile"]),
-    click.option("--nir-use", type=NIR_USE, default="auto", help=HELP["--nir-use"]),
-    click.option(
-        "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
-    ),
-    heading("Input"),
-    click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"]),
-    options.reading,
-    heading("Output"),
-    click.option("--save-model", type=FILE, help="Write the fitted model, to apply to another scene."),
-    click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample."),
-    click.option("--flags", type=FILE, help=HELP["--flags"]),
-    click.option("--amount", type=FILE, help=HELP["--amount"]),
-    click.option("--stderr", type=FILE, help=HELP["--stderr"]),
-    click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture."),
-    click.option("--dtype", type=DTYPE, show_default="that of the input", help=HELP["--dtype"]),
-    options.creation,
-    click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
-    click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing."),
-)
 
 
 @click.command(cls=options.Grouped, context_settings=options.SETTINGS)
 @click.argument("inputs", nargs=-1, type=FILE, metavar="IN [IN ...]")
 @click.argument("output", type=FILE, metavar="OUT")
-@remove_options
+@heading("What to do")
+@click.option("--method", type=METHOD, default="auto", help=HELP["--method"])
+@options.place("--sample", "auto|all|FILE.geojson|WINDOW", HELP["--sample"])
+@options.place("--compensate", "auto|thesis|off|STAGES", HELP["--compensate"])
+@click.option("--smallest-object", default="", metavar="WIDTH", show_default=KEPT_WIDTH, help=HELP["--smallest-object"])
+@options.place("--mask", "auto|none|FILE|WINDOW", HELP["--mask"])
+@options.bands_to("-b", "--band", "bands", shown="all of shorter wavelength than the NIR", said=HELP["--band"])
+@click.option("--model", "model_in", type=FILE, help="Apply this saved model instead of fitting one.")
+@heading("Details of the fit")
+@click.option("--regression", type=REGRESSION, default="auto", help=HELP["--regression"])
+@click.option("--floor-percentile", type=PERCENT, default=0.0, metavar="PERCENT", help=HELP["--floor-percentile"])
+@click.option("--nir-use", type=NIR_USE, default="auto", help=HELP["--nir-use"])
+@click.option(
+    "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
+)
+@heading("Input")
+@click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"])
+@options.reading
+@heading("Output")
+@click.option("--save-model", type=FILE, help="Write the fitted model, to apply to another scene.")
+@click.option("--save-sample", type=FILE, metavar="FILE.geojson", help="Write the outline of the sample.")
+@click.option("--flags", type=FILE, help=HELP["--flags"])
+@click.option("--amount", type=FILE, help=HELP["--amount"])
+@click.option("--stderr", type=FILE, help=HELP["--stderr"])
+@click.option("--picture", type=FILE, metavar="FILE.png", help="Write a before/after picture.")
+@click.option("--dtype", type=DTYPE, show_default="that of the input", help=HELP["--dtype"])
+@options.creation
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("--dry-run", is_flag=True, help="Fit, say what would be done and written, and write nothing.")
 @options.processing
 @options.print_sidecar
 @options.messages

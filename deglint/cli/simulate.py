@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from . import options
-from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads, with_options
+from .options import SETTINGS, ChoiceFromTable, Grouped, heading, parsed, threads
 from .remove import size
 
 log = logging.getLogger(__name__)
@@ -41,66 +41,57 @@ def _boat(text: str) -> tuple[float, ...]:
 SPECTRUM = ChoiceFromTable("Spectrum", "deglint.physics.waves")
 SLOPE_LAW = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
 KERNEL = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
+BOAT = "A boat of 8 m: its place [m], speed and heading."
 read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
 read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
 read_boats = parsed(_boat, "is not like 20,35,6@60: RIGHT,DOWN [m], SPEED [m/s] @ HEADING.")
 read_foam = parsed(lambda text: None if text == "auto" else float(text), "is neither a share, such as 0.01, nor auto.")
 
-simulate_options = with_options(
-    heading("Sea and light"),
-    click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default."),
-    click.option("--wind-from", default=30.0, metavar="DEG", help="Azimuth that it blows from."),
-    click.option("--sun-zenith", default=40.0, metavar="DEG", help="Angle of the sun from the zenith."),
-    click.option("--sun-azimuth", default=135.0, metavar="DEG", help="Azimuth of the sun."),
-    click.option("--chlorophyll", default=0.5, metavar="MG/M3", help="Chlorophyll in the water."),
-    click.option("--sky", type=options.SKY_CHOICE, default="cardioidal", help="Model of the sky."),
-    click.option("--spectrum", type=SPECTRUM, default="elfouhaily", help="Spectrum of the waves."),
-    click.option("--slopes", type=SLOPE_LAW, default="cox-munk", help="Distribution of slopes for the mean glint."),
-    click.option("--fetch", default=100e3, metavar="M", help="For jonswap: distance the wind has blown over water."),
-    click.option("--patch", default=0.005, metavar="M", help="Size of the patches of one slope; 0: no sparkle."),
-    click.option("--seed", default=0, metavar="N", help="Seed: the same gives the same scene."),
-    heading("What lies in the water and on it"),
-    click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water."),
-    click.option("--depth", default=5.0, metavar="M", help="Depth of the objects."),
-    click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m]."),
-    click.option("--texture", default=0.4, metavar="SHARE", help="For --bottom: share of patches of algae."),
-    click.option("--coast", default=0.0, metavar="M", help="Width of land along the right edge."),
-    click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: by the wind."),
-    click.option(
-        "--boat",
-        multiple=True,
-        callback=read_boats,
-        metavar="RIGHT,DOWN,M/S@DEG",
-        help="A boat of 8 m: its place [m], speed and heading.",
-    ),
-    heading("Sensor"),
-    click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor."),
-    click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Image size [pixel]."),
-    click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default."),
-    click.option("--view-zenith", default=0.0, metavar="DEG", help="Angle of the sensor off nadir."),
-    click.option("--view-azimuth", default=0.0, metavar="DEG", help="Azimuth of the sensor, seen from the sea."),
-    click.option("--supersample", default=4, metavar="N", help="Facets per pixel, each way."),
-    heading("Errors of the image"),
-    click.option("--misregistration", default=0.0, metavar="PIXELS", help="Largest displacement of a band."),
-    click.option("--striping", default=0.0, metavar="%", help="Standard deviation of the columns' gain."),
-    click.option("--resampling", type=KERNEL, help="Interpolate the image from another grid."),
-    click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG."),
-    heading("Output"),
-    click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too."),
-    click.option("--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, in directory OUT."),
-    click.option("--overwrite", is_flag=True, help="Replace files that are there."),
-    click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop."),
-    heading("Processing"),
-    threads,
-    heading("Messages"),
-    click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout."),
-    options.messages,
-)
-
 
 @click.command(cls=Grouped, context_settings=SETTINGS)
 @click.argument("out", metavar="OUT", type=click.Path(path_type=Path))
-@simulate_options
+@heading("Sea and light")
+@click.option("--wind", type=float, multiple=True, metavar="M/S", help="Wind at 10 m; 5 by default.")
+@click.option("--wind-from", default=30.0, metavar="DEG", help="Azimuth that it blows from.")
+@click.option("--sun-zenith", default=40.0, metavar="DEG", help="Angle of the sun from the zenith.")
+@click.option("--sun-azimuth", default=135.0, metavar="DEG", help="Azimuth of the sun.")
+@click.option("--chlorophyll", default=0.5, metavar="MG/M3", help="Chlorophyll in the water.")
+@click.option("--sky", type=options.SKY_CHOICE, default="cardioidal", help="Model of the sky.")
+@click.option("--spectrum", type=SPECTRUM, default="elfouhaily", help="Spectrum of the waves.")
+@click.option("--slopes", type=SLOPE_LAW, default="cox-munk", help="Distribution of slopes for the mean glint.")
+@click.option("--fetch", default=100e3, metavar="M", help="For jonswap: distance the wind has blown over water.")
+@click.option("--patch", default=0.005, metavar="M", help="Size of the patches of one slope; 0: no sparkle.")
+@click.option("--seed", default=0, metavar="N", help="Seed: the same gives the same scene.")
+@heading("What lies in the water and on it")
+@click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
+@click.option("--depth", default=5.0, metavar="M", help="Depth of the objects.")
+@click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m].")
+@click.option("--texture", default=0.4, metavar="SHARE", help="For --bottom: share of patches of algae.")
+@click.option("--coast", default=0.0, metavar="M", help="Width of land along the right edge.")
+@click.option("--foam", default="0", callback=read_foam, metavar="SHARE|auto", help="Whitecaps; auto: by the wind.")
+@click.option("--boat", multiple=True, callback=read_boats, metavar="RIGHT,DOWN,M/S@DEG", help=BOAT)
+@heading("Sensor")
+@click.option("--preset", type=options.SENSOR_CHOICE, default="thesis", help="Sensor.")
+@click.option("--size", default="512", callback=read_size, metavar="N|ROWSxCOLUMNS", help="Image size [pixel].")
+@click.option("--delay", type=float, multiple=True, metavar="S", help="From band to band; the sensor's by default.")
+@click.option("--view-zenith", default=0.0, metavar="DEG", help="Angle of the sensor off nadir.")
+@click.option("--view-azimuth", default=0.0, metavar="DEG", help="Azimuth of the sensor, seen from the sea.")
+@click.option("--supersample", default=4, metavar="N", help="Facets per pixel, each way.")
+@heading("Errors of the image")
+@click.option("--misregistration", default=0.0, metavar="PIXELS", help="Largest displacement of a band.")
+@click.option("--striping", default=0.0, metavar="%", help="Standard deviation of the columns' gain.")
+@click.option("--resampling", type=KERNEL, help="Interpolate the image from another grid.")
+@click.option("--jpeg", type=click.IntRange(1, 100), metavar="QUALITY", help="Compress the image as JPEG.")
+@heading("Output")
+@click.option("--surface", is_flag=True, help="Write height and slopes of the sea, too.")
+@click.option("--grid", is_flag=True, help="All winds, delays, viewing geometries and f-numbers, in directory OUT.")
+@click.option("--overwrite", is_flag=True, help="Replace files that are there.")
+@click.option("--dry-run", is_flag=True, help="Say which scenes would be written and how large they are, and stop.")
+@heading("Processing")
+@threads
+@heading("Messages")
+@click.option("--json", "as_json", is_flag=True, help="Print the names of the files as JSON on stdout.")
+@options.messages
 def simulate(out: Path, **given: Any) -> None:
     """Simulate an image of the sea: OUT.tif, the ground truth beside it, and OUT.json with all parameters.
 

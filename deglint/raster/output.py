@@ -14,8 +14,9 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from logging.handlers import BufferingHandler
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ def _block_side(tile: int, size: int, own: int) -> int:
     return next((side for side in _SIDES[::-1] if tile % side == 0), 16)
 
 
-class RasterWriter:
+class RasterWriter(contextlib.AbstractContextManager["RasterWriter"]):
     """Write a GeoTIFF window by window, in one thread.
 
     `path` is the scratch file that is written; `target` is the final file, whose name is in error messages. Use the
@@ -118,9 +119,6 @@ class RasterWriter:
             if layout.masked:
                 # the header of the mask must precede the data, too
                 self._dataset.write_mask(np.full((1, 1), 255, np.uint8), window=((0, 1), (0, 1)))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
@@ -155,19 +153,13 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     """Raise InputError if an option is in `_REFUSED`, or, at the end of the `with` block, if GDAL warned of one."""
     if wrong := [name for name in options if name.lower() in _REFUSED]:
         raise InputError(f"cannot write {target} with these options: {wrong[0]} is not for --co. Leave it out.")
-    said: list[str] = []
-
-    def listen(record: logging.LogRecord) -> bool:
-        said.append(record.getMessage())
-        return True
-
-    log = logging.getLogger("rasterio._env")
-    log.addFilter(listen)
+    log, heard = logging.getLogger("rasterio._env"), BufferingHandler(10_000)
+    log.addHandler(heard)
     try:
         yield
     finally:
-        log.removeFilter(listen)
-    for line in said:
+        log.removeHandler(heard)
+    for line in map(logging.LogRecord.getMessage, heard.buffer):
         if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
             said_of_it = line.rpartition(" in ")[2].rstrip(".")
             raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co or [output] options.")
@@ -318,7 +310,7 @@ def _profile(layout: Layout) -> dict[str, Any]:
 
 
 def _describe(dataset: Any, layout: Layout) -> None:
-    """Write all metadata of the layout, before any pixel is written, so that the header comes first in the file."""
+    """Write names, units, scales, colours, tags, GCPs and RPCs, before any pixel, so that the header comes first."""
     from rasterio.crs import CRS
     from rasterio.enums import ColorInterp
 

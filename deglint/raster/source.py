@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from typing import Any, Self
@@ -55,7 +55,7 @@ class FileBands:
         return replace(self, nodatas=nodatas, alpha=None if self.warp.get("add_alpha") else self.alpha, warp=warp)
 
 
-class RasterSource:
+class RasterSource(AbstractContextManager["RasterSource"]):
     """Pixels of a scene, read from one file or from several on the same grid; a `deglint.scene.Source`.
 
     `files` are in the order of the scene's bands; `info` has their properties. A pickled copy opens the files again.
@@ -83,9 +83,6 @@ class RasterSource:
         """Pickle local files by absolute path, as the copy may be used in another folder; other GDAL names are kept."""
         paths = (os.path.abspath(f.path) if os.path.exists(f.path) else f.path for f in self.files)  # noqa: PTH100, PTH110
         return RasterSource, ([replace(f, path=p) for f, p in zip(self.files, paths, strict=True)], self.info)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -18,7 +18,6 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Self
 
 from ..errors import InputError, ReadError, WriteError
 from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
@@ -79,11 +78,11 @@ def _read_with(name: str) -> Iterator[str]:
 
 
 def _local(name: str) -> list[str]:
-    """The local file or archive in a GDAL name, in a list: a.zip for "/vsizip/a.zip/b.tif"; empty for a plain path."""
+    """The local file or archive in a GDAL name, in a list: a.zip for "/vsizip/a.zip/b.tif"; else empty."""
     bare = Path(_GDAL_PREFIX.sub("", name.split("?")[0]).replace("!", "/"))
-    if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (never raises)
+    if os.path.exists(name) or str(bare) == name:  # noqa: PTH110  (raises for no name)
         return []
-    return [str(place) for place in (bare, *bare.parents) if place.is_file()]
+    return [str(place) for place in (bare, *bare.parents) if os.path.isfile(place)]  # noqa: PTH113  (as above)
 
 
 def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwrite: bool = False) -> None:
@@ -160,7 +159,7 @@ def check_ending(path: Path | None, what: str, *endings: str) -> None:
         raise WriteError(f"{path} would hold {what}, not what its name says. Name it {name}.")
 
 
-class Scratch:
+class Scratch(contextlib.AbstractContextManager["Scratch"]):
     """Write several files together, or none of them.
 
     Use it as a context manager: at the end of the block, every scratch file is renamed to its target; after an error
@@ -171,9 +170,6 @@ class Scratch:
     def __init__(self, *, overwrite: bool = True) -> None:
         self._files: dict[Path, Path] = {}  # scratch files by target
         self._overwrite = overwrite
-
-    def __enter__(self) -> Self:
-        return self
 
     def add(self, target: Path) -> Path:
         """Return the path of a scratch file to write; at the end of the `with` block it is renamed to `target`."""
@@ -235,7 +231,10 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock."""
+    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock.
+
+    On a file system without locks nothing is locked.
+    """
     path = directory / ".deglint-batch.lock"
     with path.open("wb") as file:
         try:
@@ -247,6 +246,9 @@ def claimed(directory: Path) -> Iterator[None]:
                 import fcntl
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held = os.fstat(file.fileno())
+                if identity(path) != (held.st_dev, held.st_ino):
+                    raise BlockingIOError  # another batch has removed this file at its end
         except (BlockingIOError, PermissionError):
             raise WriteError(f"another batch is writing into {directory}. Wait, or give another directory.") from None
         except OSError:  # a file system without locks

@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
-from .grid import at, nearest_on, same_grid
+from .grid import at, nearest_on, overlap, same_grid
 from .text import read_json
 
 log = logging.getLogger(__name__)
@@ -212,12 +212,15 @@ def _raster_area(path: str, scene: Scene, option: str) -> Area:
     apart = info.crs is None or scene.crs is None
     if apart and (info.height, info.width) == (scene.height, scene.width):
         info = replace(info, transform=None)  # of the scene's size: it is assumed to be on the scene's grid
-    if not same_grid(info, scene) and (apart or info.transform is None or scene.transform is None):
+    source, same = nearest_on(info, scene), same_grid(info, scene)
+    if not same and (apart or info.transform is None or scene.transform is None):
         raise InputError(
             f"{option} {path} has {info.height} x {info.width} pixels, the scene {scene.height} x {scene.width}, and "
             "without a CRS in both it cannot be placed. Give a mask of the scene's size, or one with a CRS."
         )
-    return Area(((0, scene.height), (0, scene.width)), partial(_in_raster, nearest_on(info, scene)))
+    if not same and not overlap(replace(source.info, paths=(scene.path or "the scene",)), info):
+        raise InputError(f"{option} {path} lies off the scene: they do not overlap. Check its CRS and geotransform.")
+    return Area(((0, scene.height), (0, scene.width)), partial(_in_raster, source))
 
 
 def middle_of(path: str) -> tuple[float, float]:

@@ -111,22 +111,21 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
     stated = {**array.attrs, **lists}
     encoded = array.encoding if array.dtype.kind in "iu" else {}  # in floating-point arrays nodata has become NaN
+    alike = {"dtypes": dtype, "units": None, "colorinterp": "undefined", "mask_flags": ("all_valid",)}
+    same: dict[str, Any] = {name: (value,) * count for name, value in alike.items()}
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",),
+        **same,
+        block_shapes=(block,) * count,
         driver="MEM",
         height=height,
         width=width,
-        dtypes=(dtype,) * count,
         nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
         scales=_per_band([stated], _SCALE_NAMES, 1.0, count),
         offsets=_per_band([stated], _OFFSET_NAMES, 0.0, count),
         descriptions=names,
-        units=(None,) * count,
-        colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
-        mask_flags=(("all_valid",),) * count,
-        block_shapes=(block,) * count,
         crs=_crs(array, grid),
         transform=_transform(array, grid, rows, columns),
     )
@@ -141,14 +140,11 @@ def _lists(array: Any, band: Any, count: int) -> dict[Any, list[Any]]:
     name = "band" if band is None else band
     known = name in array.coords and array.coords[name].dtype.kind in "iu"
     numbers = np.asarray(array.coords[name].values).reshape(-1) if known else np.arange(1, count + 1)
-    found = {}
-    for key, value in array.attrs.items():
-        if not isinstance(value, (list, tuple, np.ndarray)):
-            continue
-        inside = len(numbers) == count and numbers.min() >= 1 and numbers.max() <= len(value)
-        if inside and (known or len(value) == count):
-            found[key] = [_plain(value[n - 1]) for n in numbers]
-    return found
+    if len(numbers) != count or numbers.min() < 1:
+        return {}
+    lists = {k: v for k, v in array.attrs.items() if isinstance(v, (list, tuple, np.ndarray))}
+    fits = {k: v for k, v in lists.items() if numbers.max() <= len(v) and (known or len(v) == count)}
+    return {k: [_plain(v[n - 1]) for n in numbers] for k, v in fits.items()}
 
 
 def _bands(
@@ -175,12 +171,9 @@ def _bands(
 
 
 def _per_band(places: Sequence[Mapping[Any, Any]], names: Sequence[str], default: Any, count: int) -> tuple[Any, ...]:
-    for place in places:
-        for name in names:
-            found = _floats(place.get(name))
-            if len(found) in (1, count):
-                return tuple(found) * (count // len(found))
-    return (default,) * count
+    stated = (_floats(place.get(name)) for place in places for name in names)
+    found = next((numbers for numbers in stated if len(numbers) in (1, count)), [default])
+    return tuple(found) * (count // len(found))
 
 
 def _floats(value: Any) -> list[float]:

@@ -36,17 +36,17 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
             raise InputError(
                 f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
             )
-    bounds, areas = zip(*(_place(info, infos[0]) for info in infos), strict=True)
+    areas = [_place(info, infos[0])[1] for info in infos]
     chosen = _choose(infos, areas, grid)
-    reference, here = infos[chosen], bounds[chosen]
+    reference = infos[chosen]
     files: list[FileBands] = []
     moved: dict[tuple[str, str], list[str]] = {}
     lost: list[str] = []
-    for info, there, area in zip(infos, bounds, areas, strict=True):
+    for info, area in zip(infos, areas, strict=True):
         if same_grid(info, reference):
             files.append(FileBands.of(info))
             continue
-        if not all(max(there[k], here[k]) < min(there[k + 2], here[k + 2]) for k in (0, 1)):
+        if not overlap(info, reference):
             raise InputError(f"{info.paths[0]} and {reference.paths[0]} do not overlap. Give files of one place.")
         if info.flat is not None:
             lost.append(f"{_called(info)} is resampled, so that its vignette is not corrected")
@@ -88,6 +88,17 @@ def _transform(info: RasterInfo | Scene) -> Any:
     return Affine(1 / info.width, 0.0, 0.0, 0.0, -1 / info.height, 1.0)
 
 
+def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
+    """Whether the bounds of two files overlap, in the CRS of `reference`; longitudes a turn apart are the same.
+
+    Raises InputError if the bounds cannot be brought into this CRS.
+    """
+    (left, bottom, right, top), (west, south, east, north) = (_place(i, reference)[0] for i in (info, reference))
+    turn = 360.0 if reference.crs is not None and reference.crs.is_geographic else 0.0
+    beside = any(max(left + way, west) < min(right + way, east) for way in (-turn, 0.0, turn))
+    return beside and max(bottom, south) < min(top, north)
+
+
 def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
     """Bounds (left, bottom, right, top) of a file, and the area of one of its pixels, in the CRS of file `first`."""
     transform = _transform(info)
@@ -100,6 +111,7 @@ def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, flo
         own = (right - left) * (top - bottom)
         try:
             left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
+            right += 360.0 * (right < left)  # across 180 degrees
             area *= abs((right - left) * (top - bottom)) / own
         except gdal_errors(ArithmeticError) as error:
             raise InputError(

@@ -19,8 +19,8 @@ _WIDTH_TAG = re.compile(r"(?:fwhm|bandwidth|band_width)(?:_(nm|um))?")
 _UNIT_TAG = re.compile(r"wave_?lengths?_units?")
 _FULL_SCALE = re.compile("full_scale")
 _NUMBER_PATTERN = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
-_LARGEST_MICROMETRE = 30.0  # a wavelength without a unit up to this number is in micrometres
-_WIDEST_MICROMETRE = 1.0  # a width without a unit below this number is in micrometres
+_LARGEST_MICROMETRE = 30.0  # a wavelength without a known unit up to this number is in micrometres
+_WIDEST_MICROMETRE = 0.99  # a width without a known unit up to this number is in micrometres
 SPECTRAL_RANGE = (100.0, 20000.0)  # a number in a tag, or with a unit in a name, can be a wavelength here [nm]
 _WIDEST_FILLED_TYPE = 16  # integer types of up to this number of bits are assumed to saturate at their largest value
 Spectral = tuple[float | None, float | None]
@@ -90,7 +90,7 @@ def spectral_of(info: RasterInfo) -> list[Spectral]:
             continue
         ((width, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
         if width is not None:
-            width = nanometres(width, stated or own_unit or ("um" if width < _WIDEST_MICROMETRE else "nm"))
+            width = nanometres(width, stated or own_unit, _WIDEST_MICROMETRE)
         found.append((wavelength, width))
     return found
 
@@ -157,8 +157,8 @@ def _stated(tags: Mapping[str, Mapping[str, str]], key: re.Pattern[str], count: 
     return []
 
 
-def nanometres(value: float, unit: str = "") -> float | None:
-    """Convert a wavelength to nm. Without a known unit, it is um up to 30, else nm. None for wavenumber, index or GHz.
+def nanometres(value: float, unit: str = "", most: float = _LARGEST_MICROMETRE) -> float | None:
+    """Convert a wavelength to nm; without a known unit it is um up to `most`. None for wavenumber, index or GHz.
 
     >>> nanometres(0.49), nanometres(490, "nm"), nanometres(0.49, "Micrometers"), nanometres(4900, "Angstroms")
     (490.0, 490, 490.0, 490.0)
@@ -168,7 +168,9 @@ def nanometres(value: float, unit: str = "") -> float | None:
         return None
     if name.startswith(("angstrom", "ångström", "å")):
         return round(value / 10, 6)
-    micrometres = name.startswith(("um", "µm", "μm", "micro")) or (name[:1] != "n" and value <= _LARGEST_MICROMETRE)
+    if name.startswith(("nm", "nano")):
+        return value
+    micrometres = name.startswith(("um", "µm", "μm", "micro")) or value <= most
     return round(value * 1000, 6) if micrometres else value
 
 

@@ -44,11 +44,13 @@ def with_tile(make, sea, folder, *views):
 def test_sentinel2_takes_the_mean_direction_of_the_bands(make, sea, tmp_path):
     safe = with_tile(make, sea, tmp_path, (8.0, 350.0), (8.0, 10.0))  # the mean azimuth is north, not south
     found, scene = angles_of(safe)
-    zenith = math.degrees(math.asin(math.sin(math.radians(8.0)) * math.cos(math.radians(10.0))))
+    zenith = math.degrees(math.atan(math.tan(math.radians(8.0)) * math.cos(math.radians(10.0))))
     assert found == pytest.approx([59.5, 150.25, 90.0 - zenith, 0.0], abs=1e-4)
     assert set(sky_glint(scene)["reflectance"]) >= {"B02", "B08"}
     band = next(safe.rglob("*B08_10m.jp2"))
     assert angles_of(band)[0] == found
+    between = angles_of(with_tile(make, sea, tmp_path / "between", (10.0, 90.0), (60.0, 90.0)))[0]
+    assert between[2:] == pytest.approx([90.0 - 35.0, 90.0], abs=1e-4)
 
 
 @pytest.mark.parametrize("text", ["<not xml", "<Tile/>"])

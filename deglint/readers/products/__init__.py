@@ -15,7 +15,7 @@ from ...errors import DeglintError, ReadError
 from ...raster import RasterInfo, RasterSource
 from ..grid import footprints_on
 from . import dimap, drone, landsat, maxar, planetscope, sentinel2
-from .metadata import Container, MetadataError, Product, described, is_archive, open_archive, open_folder
+from .metadata import ARCHIVE, Container, MetadataError, Product, described, open_archive, open_folder
 
 PRODUCTS: dict[str, Any] = {
     "Sentinel-2 L1C and L2A": sentinel2,
@@ -89,7 +89,7 @@ def find(path: str) -> Product | None:
     if place is None:
         return None
     folder = open_folder(place) if place.is_dir() else None
-    if folder is None and is_archive(place.name):
+    if folder is None and ARCHIVE.search(place.name):
         return _first(open_archive(str(place)))
     place = place.absolute()
     for family in PRODUCTS.values():
@@ -127,7 +127,7 @@ def _local(path: str) -> Path | None:
 
 def _may_be_product(place: Path | None) -> bool:
     """Whether a local path is a folder, an archive or a metadata file; False for None."""
-    if place is None or place.is_dir() or is_archive(place.name):
+    if place is None or place.is_dir() or ARCHIVE.search(place.name):
         return place is not None
     return any(re.fullmatch(f.METADATA, place.name, re.IGNORECASE) for f in PRODUCTS.values())
 

@@ -90,7 +90,10 @@ def _without_ending(member: str) -> str:
 
 
 def _image(container: Container, stem: str) -> str | None:
-    """The .TIL file if it lists several tiles, else the only image, or None; `stem`: path of both without extension."""
+    """The .TIL file called `stem` if it lists several tiles, its only tile, or without it the image `stem`, or None.
+
+    `stem` is a path without extension. Raises InputError if a tile does not lie beside the .TIL file.
+    """
     til = container.beside(stem, f"{last(stem)}.til")
     if til is not None:
         names = [said(n, ".") for n in container.tree(til).iter("FILENAME")]

@@ -32,7 +32,7 @@ MOST_MEMBERS = 20_000  # most files of a folder that are listed: it may be large
 PRODUCT_UNIT = "W m-2 sr-1 um-1"  # of radiance in the products of satellites
 FULL = 65535.0  # saturated file value of Sentinel-2 and Landsat if the metadata do not give it
 _DAMAGED = (OSError, ValueError, RuntimeError, KeyError, EOFError, zipfile.BadZipFile, tarfile.TarError)
-_ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
+ARCHIVE = re.compile(r"\.(?:zip|tar)$", re.IGNORECASE)
 
 
 class MetadataError(InputError):
@@ -55,7 +55,7 @@ class Container:
     @property
     def name(self) -> str:
         """Name of the folder or archive, without its path and without .zip or .tar."""
-        return _ARCHIVE.sub("", Path(self.path).absolute().name)
+        return ARCHIVE.sub("", Path(self.path).absolute().name)
 
     def gdal(self, member: str) -> str:
         """GDAL name with which a member can be opened."""
@@ -120,11 +120,6 @@ class Container:
 def last(member: str) -> str:
     """File name of a member (a path in a `Container`), without folders."""
     return PurePosixPath(member).name
-
-
-def is_archive(path: str) -> bool:
-    """Whether a name ends in .zip or .tar."""
-    return bool(_ARCHIVE.search(path))
 
 
 def open_folder(path: Path, named: str | None = None) -> Container:

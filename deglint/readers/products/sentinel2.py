@@ -157,10 +157,13 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean direction of `nodes`; azimuths of 350 and 10 have the mean 0."""
+    """Zenith angle and azimuth [degree] of the mean direction of `nodes`, or None twice if none states both angles.
+
+    Azimuths of 350 and 10 have the mean 0.
+    """
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
     if not known:
         return None, None
-    mean = sum(cmath.rect(math.sin(z), a) for z, a in known) / len(known)  # north + i east
-    return math.degrees(math.asin(math.hypot(mean.real, mean.imag))), math.degrees(cmath.phase(mean))
+    across, up = sum(cmath.rect(math.sin(z), a) for z, a in known), sum(math.cos(z) for z, _ in known)
+    return math.degrees(math.atan2(abs(across), up)), math.degrees(cmath.phase(across))  # across: north + i east
