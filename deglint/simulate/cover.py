@@ -97,8 +97,6 @@ class Cover:
             for middle, count in zip((down, right), labels.shape, strict=True)
         )
         part = labels[rows, columns]
-        if not part.size:
-            return
         north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
         east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
         along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target
