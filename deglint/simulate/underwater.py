@@ -31,7 +31,7 @@ class Bottom(Checked):
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
-        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m], at most that of the simulated sea.
+        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m]; at most the size of the sea counts.
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
