@@ -137,15 +137,18 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
     for name in ("", ".nanny", ".scheduler", ".worker", ".client", ".utils"):  # failures are raised as errors
         logging.getLogger(f"distributed{name}").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
-        place: Any = address
-        if workers is not None:
-            quiet = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
-            local = LocalCluster(n_workers=workers, threads_per_worker=1, memory_limit=memory, **quiet)
-            place = stack.enter_context(local)
         try:
+            place: Any = address
+            if workers is not None:
+                own: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+                own |= {} if memory == "auto" else {"memory_limit": memory}  # given "auto", it divides by processors
+                place = stack.enter_context(LocalCluster(n_workers=workers, threads_per_worker=1, **own))
             client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
             stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
+            if workers is not None:
+                why = f"cannot start workers on this machine ({' '.join(str(error).split())})"
+                raise DeglintError(f"{why}. Take fewer, or leave out --workers: threads do the work.") from error
             raise DeglintError(
                 f"cannot reach a scheduler with workers at {address}. Start one with `dask scheduler`, workers with "
                 "`dask worker`, and name it as tcp://HOST:PORT."

@@ -115,5 +115,5 @@ def _recipe(recipe: Recipe | str) -> Recipe:
 
 
 def _scored(work: Scoring, scene: Scene, tile: Tile) -> Array:
-    """Scores of a tile, (1, row, column), read from `scene`, which replaces the scene in the plan of `work`."""
+    """Score a tile, (1, row, column); its pixels are read from `scene`, in place of the scene in the plan of `work`."""
     return replace(work, plan=replace(work.plan, scene=scene))(tile).scores[None]

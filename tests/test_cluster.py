@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -146,6 +147,28 @@ def test_memory_of_a_worker_is_told_and_below_its_limit(cluster, scene, tmp_path
 def test_as_many_workers_as_wanted():
     with connect(workers=1) as found:
         assert len(found.client.nthreads()) == 1
+
+
+def test_local_workers_share_the_memory_of_the_machine():
+    """Given "auto", distributed divides the memory by the number of processors, whatever the number of workers."""
+    from distributed.system import MEMORY_LIMIT
+
+    with connect(workers=3) as found:
+        workers = found.client.scheduler_info(n_workers=-1)["workers"].values()
+        assert [worker["memory_limit"] for worker in workers] == pytest.approx([MEMORY_LIMIT / 3] * 3)
+
+
+@pytest.mark.parametrize(
+    ("lost", "error"), [("LocalCluster", RuntimeError("it failed\nto start")), ("Client", TimeoutError("too slow"))]
+)
+def test_local_workers_that_do_not_start_are_one_line(monkeypatch, lost, error):
+    def fail(*_given, **_options):
+        raise error
+
+    monkeypatch.setattr("distributed.LocalCluster", lambda **_options: nullcontext())
+    monkeypatch.setattr(f"distributed.{lost}", fail)
+    with pytest.raises(DeglintError, match=r"cannot start workers on this machine \((it failed to start|too slow)\)"):
+        connect(workers=2).__enter__()
 
 
 def test_tiles_come_in_order(cluster):

@@ -17,6 +17,8 @@ from deglint.simulate import Artefacts, Bottom, FloatingTarget, Setup, simulate,
 from deglint.simulate.cover import Cover
 from deglint.simulate.materials import SPECTRA, WAVELENGTHS, reflectance
 from deglint.simulate.scene import Light
+from deglint.simulate.setup import experiments
+from deglint.simulate.underwater import smooth_noise
 
 THESIS = preset("thesis")
 STILL = THESIS.delayed(0.0)
@@ -105,6 +107,13 @@ def test_light_over_a_bottom_falls_off_as_beer_and_lambert_say(angle, sun, chlor
     fall = np.log(difference[near] / difference[far]) / (lit.depths[far] - lit.depths[near])
     assert fall == pytest.approx(k * (down + 1.04 * np.sqrt(1 + 5.4 * u) * up), rel=0.02)
     assert lit.bottom[:, -1, 0] == pytest.approx(lit.water[0], rel=0.05)  # 60 m are deep, but for the clearest water
+
+
+def test_noise_larger_than_its_grid_is_noise_of_the_size_of_the_grid():
+    """The Gaussian left no wave of the grid: the constant that remained was a rounding error, scaled to thousands."""
+    one, other = (smooth_noise((64, 48), 0.25, size, np.random.SeedSequence(1)) for size in (16.0, 1e5))
+    np.testing.assert_array_equal(one, other)
+    assert (other.mean(), other.std()) == pytest.approx((0.0, 1.0), abs=1e-5)
 
 
 def test_a_bottom_is_seen_at_its_depth():
@@ -297,7 +306,12 @@ def test_a_dry_run_says_what_would_be_written(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("option", [("--wind", "5", "--wind", "5"), ("--delay", "0.0601", "--delay", "0.0604")])
+def test_delays_of_less_than_a_millisecond_have_names_of_their_own():
+    names = [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.0001, 0.0002])]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("option", [("--wind", "5", "--wind", "5"), ("--delay", "0.06", "--delay", "0.060")])
 def test_scenes_of_one_name_are_refused_before_the_first(tmp_path, deglint, option):
     ran = deglint("simulate", "--grid", "--size", "8", "--objects", "none", *option, tmp_path)
     assert (ran.code, "two outputs have the same name" in ran.err, list(tmp_path.iterdir())) == (1, True, [])

@@ -56,7 +56,7 @@ def observe(
     """
     from scipy import fft
 
-    from ._imaging_kernels import fold
+    from ._kernels import fold
 
     fine_rows, fine_columns = spectrum.shape[0], 2 * (spectrum.shape[1] - 1)
     if fine_rows % factor or fine_columns % factor:

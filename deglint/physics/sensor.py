@@ -5,10 +5,9 @@ by a modulation transfer function (MTF), the product of the MTFs of diffraction,
 `deglint.physics.imaging` applies it to a scene on a grid finer than the pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -100,7 +99,7 @@ class Sensor(Checked):
         """Radiance per digital number [W m-2 sr-1 nm-1]."""
         return band.full_scale / self.levels
 
-    def delayed(self, delay: float) -> Sensor:
+    def delayed(self, delay: float) -> Self:
         """A copy of the sensor in which each band is recorded `delay` [s] after the band before it in `bands`."""
         return replace(self, bands=tuple(replace(b, time_offset=i * delay) for i, b in enumerate(self.bands)))
 

@@ -15,6 +15,7 @@ WIND_19_5 = 1.026  # wind speed at a height of 19.5 m divided by wind speed at 1
 _AGE = 0.84  # inverse wave age of Elfouhaily's fully developed sea [1]
 _ECKV_KM = 370.0  # wavenumber of the slowest wave in Elfouhaily's spectrum [rad/m]
 _ECKV_CM = 0.23  # phase speed of this wave [m/s]
+_FRICTION = float(np.sqrt(1.44e-3))  # friction velocity divided by wind speed at 10 m [1]
 
 
 def dispersion(wavenumber: Floats) -> Floats:
@@ -145,7 +146,7 @@ def elfouhaily(wavenumber: Floats, *, wind: float) -> Floats:
         shape *= 1.7 ** np.exp(-((ratio - 1) ** 2) / (2 * (0.08 * (1 + 4 * _AGE**-3)) ** 2))
         long_cut = np.exp(-_AGE / np.sqrt(10) * (ratio - 1))
         short_cut = np.exp(-0.25 * (k / _ECKV_KM - 1) ** 2)
-    friction = np.log(_friction_velocity(wind) / _ECKV_CM)
+    friction = np.log(_FRICTION * wind / _ECKV_CM)
     alpha = max(0.01 * (1 + (friction if friction < 0 else 3 * friction)), 0.0)
     b_long = 0.5 * 0.006 * np.sqrt(_AGE) * long_speed / speed * shape * long_cut
     b_short = 0.5 * alpha * _ECKV_CM / speed * shape * short_cut
@@ -157,11 +158,6 @@ def _eckv_speed(k: Floats) -> Floats:
     return np.sqrt(GRAVITY / k * (1 + (k / _ECKV_KM) ** 2))
 
 
-def _friction_velocity(wind: float) -> float:
-    """Friction velocity [m/s] for a wind speed [m/s] at a height of 10 m."""
-    return float(np.sqrt(1.44e-3) * wind)
-
-
 def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
     """Anisotropy D(k), 0 to 1, in Elfouhaily's directional spreading function ``(1 + D cos 2a) / (2 pi)``.
 
@@ -169,7 +165,7 @@ def elfouhaily_spread(wavenumber: Floats, *, wind: float) -> Floats:
     """
     k = np.asarray(wavenumber, dtype=np.float64)
     speed, long_speed = _eckv_speed(k), wind / _AGE
-    short = 0.13 * _friction_velocity(wind) / _ECKV_CM
+    short = 0.13 * (_FRICTION * wind) / _ECKV_CM
     return np.tanh(np.log(2) / 4 + 4 * (speed / long_speed) ** 2.5 + short * (_ECKV_CM / speed) ** 2.5)
 
 

@@ -47,7 +47,7 @@ class Surface:
         """East slope + i * north slope [1] if `slopes`, else height [m], at a time [s]: (row, column) complex64."""
         from scipy import fft
 
-        from ._surface_kernels import evolve
+        from ._kernels import evolve
 
         rows, columns = self.amplitudes.shape
         steps = 2 * np.pi / (rows * self.spacing), 2 * np.pi / (columns * self.spacing)
@@ -122,7 +122,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     >>> east.shape
     (128, 128)
     """
-    from ._surface_kernels import fill_amplitudes
+    from ._kernels import fill_amplitudes
 
     _check_grid(sea, shape, spacing)
     rows, columns = shape
@@ -157,7 +157,7 @@ def _check_grid(sea: Sea, shape: tuple[int, int], spacing: float) -> None:
 
 def _tables(sea: Sea, lowest: float, highest: float) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Arguments `table` and `how` of `fill_amplitudes` for `sea` and wavenumbers from `lowest` to `highest` [rad/m]."""
-    from ._surface_kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
+    from ._kernels import ELFOUHAILY, FULL_ANGLE, HALF_ANGLE
 
     logs = np.linspace(np.log(lowest) - 1e-6, np.log(highest) + 1e-6, 8193)
     k = np.exp(logs)

@@ -45,13 +45,11 @@ def day_picture(mission: Mission, moments: Sequence[Moment], plans: dict[int, Re
 def selected(moments: Sequence[Moment]) -> list[int]:
     """Select at most 12 evenly spaced times with the sun up, including the best; return their indices in `moments`."""
     up = [k for k, m in enumerate(moments) if m.sun_zenith <= SUN_LIMIT]
-    if not up:
-        return []
     best = best_moment(moments)
     picked = {up[round(float(x))] for x in np.linspace(0, len(up) - 1, min(len(up), 2 * _ROW))}
     if best is not None:
         k = moments.index(best)
-        picked = picked if k in picked else (picked - {min(picked, key=lambda i: abs(i - k))}) | {k}
+        picked = picked - {min(picked, key=lambda i: abs(i - k))} | {k}
     return sorted(picked)
 
 

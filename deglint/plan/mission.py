@@ -4,15 +4,13 @@ A `Mission` has defaults, and rejects values outside the range of the models. `m
 numbers and text, `tables_of` does the opposite, and `merged` lets options of the command override a TOML file.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import date, datetime
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -225,7 +223,7 @@ class Mission(Checked):
         }
         return tuple(text for text, holds in known.items() if holds)
 
-    def coarse(self) -> Mission:
+    def coarse(self) -> Self:
         """The same mission with a step between viewing geometries of at least `COARSE_STEP` [degree]."""
         return replace(self, step=max(self.step, COARSE_STEP))
 

@@ -72,7 +72,7 @@ def page(
 
 
 def layers(plan: Reticle, band: str | None = None) -> tuple[draw.Values, list[Pattern]]:
-    """Contrast over noise (zenith, azimuth) of `band`, or of all; hatchings: undetectable, sky glint, sun glint."""
+    """Contrast over noise (zenith, azimuth) of `band` or bands clear of sky; hatchings: faint, sky glint, sun glint."""
     # arrays of hatchings are smooth, and above 0 where hatched: `draw.disc` interpolates them to draw smooth edges
     limits = plan.mission.limits
     with np.errstate(divide="ignore"):

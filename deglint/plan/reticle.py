@@ -93,10 +93,11 @@ class Reticle:
     def __init__(self, mission: Mission) -> None:
         self.mission, limits, wind = mission, mission.limits, mission.slope_wind
         self.bands = tuple(b.name for b in mission.channels)
-        self.zenith, self.azimuth = viewing_geometries(mission)
+        self.zenith = np.linspace(0.0, mission.widest, round(mission.widest / mission.step) + 1)
+        self.azimuth = np.linspace(0.0, 360.0, round(360.0 / mission.step) + 1)
         self.light = light = Light(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
-        spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind.options)
+        spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind._asdict())
         share = glint.probability(spark.density, self.zenith[:, None], spark.tilt, disk)
         self.glint_probability, self.glint_strength = np.minimum(share, 1.0), spark.radiance
         self.clear_of_glint: Mask = spark.radiance <= limits.glint
@@ -184,12 +185,6 @@ def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Float
     # the reflectance over an object is a linear function of the reflectance of deep water: its slope, its constant
     kept = water.submerged_reflectance(column, 1.0, *angles, reflectance=0.0, **given)
     return kept, water.submerged_reflectance(column, 0.0, *angles, reflectance=albedo, **given)
-
-
-def viewing_geometries(mission: Mission) -> tuple[Floats, Floats]:
-    """Zenith angles (zenith,) and azimuths (azimuth,) of the grid of viewing geometries of a mission [degree]."""
-    down, around = round(mission.widest / mission.step), round(360.0 / mission.step)
-    return np.linspace(0.0, mission.widest, down + 1), np.linspace(0.0, 360.0, around + 1)
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ class WindEnsemble:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Values for JSON (via `raster.output.plain`): winds, best geometry and intervals, `risk` of every geometry."""
+        """Values for JSON (via `raster.output.plain`): winds, best geometry and ranges there (`at`), and `risk`."""
         geometry = self.best
         return {
             "mission": tables_of(self.middle.mission),

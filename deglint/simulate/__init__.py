@@ -5,9 +5,9 @@ the same sea. `deglint.raster.simulated` writes them to files.
 """
 
 from .artefacts import Artefacts
-from .cover import FloatingTarget, whitecaps
+from .cover import whitecaps
 from .scene import SimulatedScene, simulate, simulate_together
-from .setup import Setup
+from .setup import FloatingTarget, Setup
 from .underwater import Bottom, SubmergedObject, square, thesis_array
 
 __all__ = [

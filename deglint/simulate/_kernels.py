@@ -1,4 +1,4 @@
-"""Compiled loop over facets for `deglint.simulate`: density of slopes at the glinting slope, and reflected sky."""
+"""Compiled loop over facets for `deglint.simulate`: density of the slope that glints, and reflected sky."""
 
 import math
 

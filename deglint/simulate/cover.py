@@ -3,20 +3,13 @@
 The cover is Lambertian: it reflects neither sun nor sky specularly, and no light from the water passes through it.
 """
 
-from __future__ import annotations
-
-from dataclasses import MISSING, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..physics._checks import Checked, one_of, ranged
-from .materials import SPECTRA
+from .setup import FloatingTarget, Setup
 from .underwater import smooth_noise
-
-if TYPE_CHECKING:
-    from .setup import Setup
 
 Labels = npt.NDArray[np.unsignedinteger[Any]]
 
@@ -24,32 +17,6 @@ WATER, LAND, FOAM, TARGET = range(4)  # values of the cover raster `SimulatedSce
 FOAM_PATCH = 1.5  # size of a patch of foam [m]: a spilling breaker of short wind waves
 LAND_PATCH = 6.0  # size of the patches of vegetation and rock on land [m]
 BASE = ("", "vegetation", "rock", "foam")  # materials of labels 0 (water) to 3; one label for each target follows
-
-
-@dataclass(frozen=True, kw_only=True)
-class FloatingTarget(Checked):
-    """A floating boat, swimmer or buoy that moves in a straight line.
-
-    Attributes
-    ----------
-    right, down : float
-        Position of the target's centre at the time of the first band, from the upper left corner of the image [m].
-    length, width : float
-        Size of the hull [m].
-    speed, heading : float
-        Speed [m/s], and azimuth of the motion and of the bow [degree], clockwise from north (up in the image).
-    material, wake : str, float
-        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake behind it [m].
-    """
-
-    right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
-    down: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
-    length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
-    width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
-    speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
-    heading: float = ranged(0.0, -360.0, 360.0, "degrees", "Give an azimuth from north.")
-    material: str = one_of("paint", SPECTRA)
-    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
 
 
 class Cover:
@@ -97,8 +64,6 @@ class Cover:
             for middle, count in zip((down, right), labels.shape, strict=True)
         )
         part = labels[rows, columns]
-        if not part.size:
-            return
         north = down - (np.arange(rows.start, rows.stop)[:, None] + 0.5) * facet
         east = (np.arange(columns.start, columns.stop)[None, :] + 0.5) * facet - right
         along = east * np.sin(azimuth) + north * np.cos(azimuth)  # distance ahead of the centre of the target

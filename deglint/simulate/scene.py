@@ -252,9 +252,8 @@ class _Shot:
         self.setup, self.workers = setup, workers
         self.water = np.empty((len(setup.sensor.bands), *setup.size), np.float32)
         # (array, offset [pixel]) on the grid of the map and, if the image is resampled, on that of the sensor
-        self.grids = [(np.empty((2, *self.water.shape), np.float32), 0.0)]
-        if setup.artefacts.resampling:
-            self.grids.append((np.empty((2, *self.water.shape), np.float32), GRID_SHIFT))
+        offsets = (0.0, GRID_SHIFT) if setup.artefacts.resampling else (0.0,)
+        self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
         """Blurred, misregistered image in band i from a layer's transform; pixels lie `off` [pixel] down and right."""

@@ -1,7 +1,7 @@
 """All parameters of a synthetic scene (`Setup`), and series of setups for experiments."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from itertools import product
 from typing import Literal, get_args
 
@@ -16,7 +16,7 @@ from ..physics.sky import SKY_MODELS as SKIES
 from ..physics.slopes import variances, wind_at_height
 from ..physics.waves import SHORT_WAVES, SPECTRA_WIND_RANGE, Sea, Spectrum, Spreading, slope_variance
 from .artefacts import Artefacts
-from .cover import FloatingTarget
+from .materials import SPECTRA
 from .underwater import Bottom, SubmergedObject
 
 SlopeModel = Literal["cox-munk", "cox-munk-gaussian"]
@@ -33,6 +33,32 @@ DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the ne
 LOOKS = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
 """Viewing geometries of `experiments`: view zenith, and azimuth of the sensor minus azimuth of the sun [degree]."""
 F_NUMBERS = (10.0, 30.0)  # f-numbers of `experiments`
+
+
+@dataclass(frozen=True, kw_only=True)
+class FloatingTarget(Checked):
+    """A floating boat, swimmer or buoy that moves in a straight line.
+
+    Attributes
+    ----------
+    right, down : float
+        Position of the target's centre at the time of the first band, from the upper left corner of the image [m].
+    length, width : float
+        Size of the hull [m].
+    speed, heading : float
+        Speed [m/s], and azimuth of the motion and of the bow [degree], clockwise from north (up in the image).
+    material, wake : str, float
+        Material of the hull, a key of `deglint.simulate.materials.SPECTRA`; length of the foam wake behind it [m].
+    """
+
+    right: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
+    down: float = ranged(MISSING, -1e6, 1e6, "m", "Give its place.")
+    length: float = ranged(8.0, 0.05, 500.0, "m", "Give the size of the hull.")
+    width: float = ranged(2.5, 0.05, 500.0, "m", "Give the size of the hull.")
+    speed: float = ranged(0.0, 0.0, 50.0, "m/s", "One knot is 0.514 m/s; turn the heading to go back.")
+    heading: float = ranged(0.0, -360.0, 360.0, "degrees", "Give an azimuth from north.")
+    material: str = one_of("paint", SPECTRA)
+    wake: float = ranged(0.0, 0.0, 5000.0, "m", "Give its length.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,6 +256,6 @@ def experiments(
     for place, (wind, (zenith, turn)) in enumerate(product(winds, LOOKS)):
         azimuth, seed = (base.sun_azimuth + turn) % 360, base.seed + place
         for delay, f_number in product(delays, F_NUMBERS):
-            name = f"wind{wind:02g}_delay{1000 * delay:03.0f}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
+            name = f"wind{wind:02g}_delay{1000 * delay:03g}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
             sensor = replace(base.sensor.delayed(delay), f_number=f_number)
             yield name, replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor)

@@ -31,7 +31,7 @@ class Bottom(Checked):
     materials : (str, str)
         Material of the ground and of the patches; see `deglint.simulate.materials.SPECTRA`.
     share, patch : float
-        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m].
+        Share of the ground that patches cover [1], 0 to 1, and size of a patch [m]; at most the size of the sea counts.
     """
 
     depth: tuple[float, float] = ranged((25.0, 3.0), LEAST_DEPTH, MOST_DEPTH, "m", "Leave a deeper bottom out.")
@@ -77,16 +77,18 @@ def depth_and_patches(
 def smooth_noise(shape: tuple[int, int], spacing: float, size: float, seed: np.random.SeedSequence) -> Floats:
     """Periodic noise (row, column) of mean 0 and variance 1 with features of a given size [m].
 
-    It is white noise on a grid with the step `spacing` [m], smoothed by a Gaussian of standard deviation `size` / 3.
+    It is white noise on a grid with the step `spacing` [m], smoothed by a Gaussian of standard deviation `size` / 3;
+    a size above the longer side of the grid counts as this side, since a wider Gaussian would leave a constant.
     """
     from scipy import fft
 
     white = np.random.default_rng(seed).standard_normal(shape, np.float32)
     rows, columns = np.fft.fftfreq(shape[0], spacing)[:, None], np.fft.rfftfreq(shape[1], spacing)
+    size = min(size, spacing * max(shape))
     gain = np.exp(-2.0 * (np.pi * size / 3.0) ** 2 * (rows**2 + columns**2)).astype(np.float32)
     field = np.asarray(fft.irfft2(fft.rfft2(white) * gain, s=shape))
     field -= field.mean()
-    return np.asarray(field / max(float(field.std()), 1e-12))
+    return np.asarray(field / float(field.std()))
 
 
 @dataclass(frozen=True, kw_only=True)

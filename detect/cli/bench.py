@@ -16,20 +16,15 @@ from . import command_line
 log = logging.getLogger(__name__)
 
 
+# fmt: off
 @click.command(cls=options.Grouped, context_settings=options.SETTINGS)
 @click.argument("out", default="benchmark.html", type=options.FILE, metavar="[OUT.html]")
 @options.heading("What to do")
 @click.option("--quick", is_flag=True, help="One wind and small scenes: seconds, not minutes.")
-@click.option(
-    "--only",
-    multiple=True,
-    callback=options.names,
-    metavar="NAME[,NAME]",
-    help="These methods, or 'default' (deglint remove without options). [default: all]",
-)
-@click.option(
-    "--seeds", type=click.IntRange(1, 1000), metavar="N", help="Scenes of each condition. [default: 5; with --quick 2]"
-)
+@click.option("--only", multiple=True, callback=options.names, metavar="NAME[,NAME]",
+              help="These methods, or 'default' (deglint remove without options). [default: all]")
+@click.option("--seeds", type=click.IntRange(1, 1000), metavar="N",
+              help="Scenes of each condition. [default: 5; with --quick 2]")
 @options.heading("Output")
 @click.option("--json", type=options.FILE, metavar="FILE", help="Where every number goes. [default: OUT.html.json]")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
@@ -76,3 +71,4 @@ def bench(out: str, **given: Any) -> None:
             write_text(scratch, targets[0], report.page(found, made))
             write_json(scratch, targets[1], as_json(found.numbers(), made, found.refused))
         log.info("%s and %s: written in %.0f s", *targets, seconds)
+# fmt: on

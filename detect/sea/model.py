@@ -2,10 +2,11 @@
 
 At every scale s, y is the mean of each band over s x s pixels of the sea, so that an object fills this square at one of
 the scales. For each band, m and v are the means of the water and of (y - m)^2 in a large window around the pixel, z is
-(y - m) / sqrt(v), and R the correlation matrix of z over the sea. The distance is sqrt(z' R^-1 z). It is normalised by
-the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales,
-in the unit of the distance at the smallest scale. Pixels with a large distance at the largest scale (ships, wakes,
-slicks, plumes, clouds) are excluded from the statistics, and the statistics are computed again.
+(y - m) / sqrt(v), and R the correlation matrix of z over the water. The distance is sqrt(z' R^-1 z). It is normalised
+by the median and the 99.9 % quantile of the distances of water at that scale; the score is the maximum over the scales,
+in the unit of the distance at the smallest scale, and is divided by `GlintScale` if there is one. Pixels of water with
+a large distance at the largest scale (ships, wakes, slicks, plumes, clouds) are excluded from the statistics, and the
+statistics are computed again.
 """
 
 from collections.abc import Sequence

@@ -131,7 +131,7 @@ def rectangle(footprint: Mask) -> tuple[float, float, float]:
 
 
 def _fitting(mask: Mask, length: float, width: float) -> tuple[Any, Any, list[tuple[int, float, float]]]:
-    """Label the connected parts of a mask, and list the parts that are at most `length` long and `width` wide [pixel].
+    """Label the connected parts of a mask; list those up to `length` + 1 by `width` + 1 and `length` * `width` pixels.
 
     Returns labels, (row, column), statistics as OpenCV computes them, (label, 5), and a list of (label, length, width).
     """
