@@ -325,6 +325,8 @@ def test_slopes_that_noise_or_foam_determines_are_not_those_of_glint(fitted, tak
         found = slopes_of_glint(fitted * spectrum, request)
         if fitted < 1.2 or spectrum.std() > 0:  # foam in reflectance is like glint in radiance
             np.testing.assert_allclose(found, taken * spectrum)
+    mixed = np.array([0.9, 0.9, 0.7])  # no single cause
+    np.testing.assert_allclose(slopes_of_glint(mixed, request), mixed)
     red_edge = replace(request, bands=(*BANDS[:2], replace(BANDS[2], wavelength=705.0), BANDS[3]))
     assert np.isnan(slopes_of_glint(np.ones(3), red_edge)).tolist() == [False, False, True]
 
@@ -334,8 +336,12 @@ def test_waves_that_bands_do_not_share_do_not_raise_the_level_of_a_sheet():
     swell, *own = 60 * gaussian_filter(rng.normal(size=(4, 256, 256)), (0, 1.5, 1.5)) / 0.19
     glint = 300 + np.stack([*(0.9 * swell + 0.44 * o for o in own), swell])
     block = np.array([900.0, 700.0, 60.0, 40.0])[:, None, None] + glint
-    lowest, chosen, middle = fitted(block.astype(np.float32)).level_interval
+    model = fitted(block.astype(np.float32))
+    lowest, chosen, middle = model.level_interval
     assert lowest < 40 < chosen < 85 < middle / 3
+    for band, water in enumerate((900, 700, 60)):
+        left = np.median(remove.apply(block.astype(np.float32), model)[band]) - water
+        assert left == pytest.approx(chosen - 40, abs=8), "nothing of the glint but what the level holds"
 
 
 def test_noise_of_pixels_does_not_raise_the_level_of_a_sheet():

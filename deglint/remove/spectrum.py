@@ -20,6 +20,7 @@ class CommonGlint(NamedTuple):
     weights: Float64  # (band,), which estimate the strength of glint from the bands
     response: Float64  # (band,): new responses of the bands
     covariance: Float64  # (band, band): of the responses that were fitted
+    hidden: Float64  # (band,): what the new responses lack of `slopes_of_glint`; 0 where waves are resolved
 
 
 def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
@@ -33,11 +34,12 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
         s' = a c + P S^{-1} (s - a c)
 
     V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
-    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s.
+    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s. If waves are resolved, or with
+    "ols", no glint counts as hidden.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
-        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance)
+        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance, np.zeros_like(response))
     tried = []
     for colour in spectra(request):
         size = float(np.median(response / colour))
@@ -48,21 +50,23 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
         away = response - size * colour
         scaled = np.linalg.solve(covariance + prior + tiny, away)
         posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance)))
+        lacks = 0 * response if request.resolved else np.fmax(slopes_of_glint(posterior, request) - posterior, 0)
+        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance, lacks)))
     return min(tried, key=lambda t: t[0])[1]
 
 
 def slopes_of_glint(slopes: Float64, request: FitRequest) -> Float64:
     """Slopes that glint alone has, (band,), in visible bands; NaN in other bands.
 
-    Fitted `slopes` (band,) are up to `COLOUR` too small where noise or delays hide a part of the glint. They are too
-    large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both cases the
-    slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones.
+    Fitted `slopes` (band,) are up to `COLOUR` too small in all bands where noise or delays hide a part of the glint.
+    They are too large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both
+    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones.
     """
     spectrum = min(spectra(request), key=lambda c: abs(np.log(np.median(slopes / c))))
-    steep = slopes / spectrum
-    wrong = (steep > 1 - COLOUR) & ((steep < 1) | (steep > 1 + COLOUR))
     visible = [(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct]
+    steep = slopes / spectrum
+    alike = (steep[visible] > 1 - COLOUR).all()  # else more than noise and delays lessens the slopes
+    wrong = (steep > 1 + COLOUR) | ((steep < 1) & alike)
     return np.where(visible, np.where(wrong, spectrum, slopes), np.nan)
 
 

@@ -266,7 +266,8 @@ def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references:
 
 def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
     """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
-    slopes = [float(s) if s > 0 else 1.0 for s in common.response]  # change of a band if its NIR rises by 1 everywhere
+    # change of a band if its NIR rises by 1 everywhere
+    slopes = [float(s) if s > 0 else 1.0 for s in common.response + common.hidden]
     indexes = [_indexes(some, common, slopes) for some in fitted]
     fits = {}
     for f in fitted[0]:
@@ -281,15 +282,17 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     """Glint index of each band: its kernel, changed from the response s to the new response s', divided by its slope.
 
     k' = k + k_g (s' - s), with k_g the kernel of the common glint: the sum of the kernels of all bands with the weights
-    of `common`, scaled to the response 1.
+    of `common`, scaled to the response 1. What noise and delays hide of the glint is added evenly over the window.
     """
     out = {}
     for f in fitted:
         weights = common.weights[f.bands]
         strength = float(weights @ f.response)
         kernel = f.coefficients @ (weights / strength) if strength > 0 else f.coefficients.mean(axis=1)
-        shifted = f.coefficients + np.outer(kernel, common.response[f.bands] - f.response)
         at = [(r, o) for r, side in zip(f.references, f.support, strict=False) for o in offsets(side)]
+        even = np.array([(r == f.references[0]) / f.support[0] ** 2 for r, _ in at])
+        shifted = f.coefficients + np.outer(kernel, common.response[f.bands] - f.response)
+        shifted += np.outer(even, common.hidden[f.bands])
         bands, places = zip(*at, strict=True)
         for k, place in enumerate(f.bands):
             out[place] = GlintIndex(bands, tuple(float(c) / slopes[place] for c in shifted[:, k]), 0.0, places)
