@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deglint import Recipe, fit_scene, open_scene
 from deglint.masks import Roles, fit_water, water
 
 from .test_masks import tiled
@@ -246,3 +247,12 @@ def test_reefs_and_the_densest_glint_are_water(name, roles, pixel, share):
     assert found.mean() >= share
     if "sdb" in name:
         assert found.mean() < 0.998
+
+
+@pytest.mark.parametrize("mask", ["auto", "none"])
+def test_all_of_a_small_sea_in_a_large_file_without_data_teaches(sea, write, tmp_path, mask):
+    image = np.zeros((4, 1500, 1500), np.uint16)
+    image[:, 100:356, 900:1156] = sea(256, 256)
+    source = write(tmp_path / "in.tif", image, nodata=0)
+    model = fit_scene(open_scene(source), Recipe(method="wiener", compensate="off", mask=mask)).model
+    assert model.fits[0].n > 256**2 / 2

@@ -27,6 +27,7 @@ Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
+LEAST_VALID = OVERVIEW_PIXELS // 4  # valid pixels in the overview of a part, else a larger part is read
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
 """Most pixels that the overview of a whole scene keeps in memory. A larger scene is read completely, and only some of
@@ -59,6 +60,10 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
         rule = None
         if wanted and roles.visible and chosen:
             blocks = read_tiles(scene, chosen, bands, threads)
+            valid = [int(np.isfinite(block[roles.nir]).sum()) for block in blocks]
+            if not last and sum(valid) < LEAST_VALID:
+                continue
+            chosen = [tile for tile, pixels in zip(chosen, valid, strict=True) if pixels] or chosen
             whole = last and total <= MOST_OVERVIEW
             rule = fit_water(blocks, roles, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
         elif not chosen:
