@@ -161,10 +161,10 @@ def choose(
         Copy if no candidate is much better (`WORTH_REMOVING`); "wiener" if pixels are too few or values too large.
     """
     wiener = Candidate("wiener", "wiener")
-    if _too_small(sample):
+    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
+    if _too_small(sample) or not judged:
         return Choice(wiener, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
-    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
     unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
     marked = _marked(sample, added)
