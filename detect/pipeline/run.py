@@ -267,7 +267,8 @@ def _notes_on(plan: Plan) -> list[str]:
     """Notes on the decisions of a run, one line each."""
     notes = [f"{plan.recipe.method} on {len(plan.bands)} bands: {', '.join(plan.names)}"]
     if plan.sea and plan.model:
-        size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else f"of unknown size, taken as {UNKNOWN_PIXEL:g} m"
+        unknown = f"of unknown size, taken as {UNKNOWN_PIXEL:g} m (--sensor FILE.toml states it)"
+        size = f"{plan.sea.pixel:.3g} m" if plan.pixel_area else unknown
         what = "brighter or darker" if plan.model.side == "both" else "brighter"
         even = ", relative to water of the same NIR" if plan.model.glint else ""
         notes.append(f"sea: pixels {size}; ships of up to {plan.sea.length:g} m by {plan.sea.width:g} m")
