@@ -26,7 +26,7 @@ from deglint.choose.score import (
 )
 from deglint.choose.trial import NOT_JUDGED, Choice, Trial, _best, _own_signal, without_ships, without_shore
 from deglint.compensate import Sample, Setting, State
-from deglint.errors import FitError, InputError
+from deglint.errors import InputError
 from deglint.physics.presets import preset
 from deglint.raster.simulated import write_scene
 from deglint.scene import Band
@@ -291,11 +291,11 @@ def test_a_dead_band_is_not_judged(write, tmp_path):
     assert dead.trials[0].gains["discs"] == pytest.approx(1, abs=0.01), "of the copy"
 
 
-@pytest.mark.filterwarnings("error")
-def test_an_image_without_any_variation_is_refused_without_trials(write, tmp_path):
+def test_an_image_without_any_variation_is_copied_without_trials(write, tmp_path):
     image = np.ones((4, 96, 96), np.uint16) * np.array([500, 400, 300, 50], np.uint16)[:, None, None]
-    with pytest.raises(FitError, match="does not vary"):
-        fit_scene(open_scene(write(tmp_path / "in.tif", image)), Recipe(mask="none"))
+    fitted = fit_scene(open_scene(write(tmp_path / "in.tif", image)), Recipe(mask="none"))
+    assert (fitted.choice.best.method, fitted.choice.trials) == ("copy", ())
+    assert "varies" in fitted.model.warnings[0]
 
 
 def test_rare_sparkle_at_fine_pixels_is_removed(write, tmp_path):

@@ -158,12 +158,15 @@ def choose(
     Returns
     -------
     Choice
-        Copy if no candidate is much better (`WORTH_REMOVING`); "wiener" if pixels are too few or values too large.
+        Copy if no candidate is much better (`WORTH_REMOVING`) or no band varies; "wiener" if pixels are too few or values
+        too large.
     """
     wiener = Candidate("wiener", "wiener")
-    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
-    if _too_small(sample) or not judged:
+    if _too_small(sample):
         return Choice(wiener, width=width)
+    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
+    if not judged:
+        return Choice(Candidate("copy", "copy"), failed={"wiener": "no band varies over the sample"}, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
     added = [implants(m, setting.bands, level, disc, n) for n, m in enumerate(sample.inside)]
