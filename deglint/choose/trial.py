@@ -41,6 +41,7 @@ FAR_OUT = 8.0  # least contrast of a ship with its surroundings [robust standard
 EVEN, MIRRORED = 0.55, 0.2
 """Mirrored sky has at least this even share (`even_share`), and at most this standard deviation relative to the water.
 Dense sun glint has a similar even share, but a larger standard deviation; sparse sun glint has a smaller even share."""
+WIENER = Candidate("wiener", "wiener")  # for samples on which candidates cannot be tried
 LEAST_TRIED = 2000  # fewest pixels of water with which candidates are tried: fewer pixels do not determine texture
 
 
@@ -158,14 +159,11 @@ def choose(
     Returns
     -------
     Choice
-        Copy if no candidate is much better (`WORTH_REMOVING`) or no band varies; "wiener" if pixels are too few or values
-        too large.
+        Copy if no candidate is much better (`WORTH_REMOVING`); "wiener" if pixels are too few or values too large.
     """
-    wiener = Candidate("wiener", "wiener")
     if _too_small(sample):
-        return Choice(wiener, width=width)
-    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
-    if not judged:
+        return Choice(WIENER, width=width)
+    if not (judged := [b for b in correct if _varies(sample, b)]):
         return Choice(Candidate("copy", "copy"), failed={"wiener": "no band varies over the sample"}, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
@@ -188,7 +186,7 @@ def choose(
     failed = {c.name: str(p if isinstance(p, FitError) else m) for c, (p, m) in pairs.items() if c not in runs}
     trials = _judged(runs, sample, added, unit, setting)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
-        return Choice(wiener, failed=failed, width=disc)
+        return Choice(WIENER, failed=failed, width=disc)
     return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
 
 
@@ -307,6 +305,11 @@ def _check(fitted: FittedChain, fine: Float32 | None) -> None:
         _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
+
+
+def _varies(sample: Sample, band: int) -> bool:
+    """Whether a 0-based band has more than one value in the sample; a dead band has not."""
+    return bool(np.ptp(sample.values([s.image[band] for s in sample.states])) > 0)
 
 
 def _too_small(sample: Sample) -> bool:
