@@ -70,20 +70,20 @@ class Targets:
     """The fitted stage `targets`: it finds small bright targets, whose contrast is restored after the removal."""
 
     name: ClassVar[str] = "targets"
-    bands: Sequence[int] = ()  # 0-based bands that are used, in order of time
-    wavelengths: Sequence[float] = ()  # their centres [nm]
-    widths: Sequence[float] = ()  # their full widths [nm]
-    light: Sequence[float] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
-    noise: Sequence[float] = ()  # standard deviation of noise, and of texture of the water, over `light`
-    water: Sequence[float] = ()  # radiance of water over `light`
-    glint: Sequence[float] = ()  # relative radiance of glint over `light`
-    time: Sequence[float] = ()  # time offset [s]
+    bands: tuple[int, ...] = ()  # 0-based bands that are used, in order of time
+    wavelengths: tuple[float, ...] = ()  # their centres [nm]
+    widths: tuple[float, ...] = ()  # their full widths [nm]
+    light: tuple[float, ...] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
+    noise: tuple[float, ...] = ()  # standard deviation of noise, and of texture of the water, over `light`
+    water: tuple[float, ...] = ()  # radiance of water over `light`
+    glint: tuple[float, ...] = ()  # relative radiance of glint over `light`
+    time: tuple[float, ...] = ()  # time offset [s]
     flash_share: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
-    full: Sequence[float] = ()  # value from which a band is saturated; empty if `time` spans more than `LASTS`
+    full: tuple[float, ...] = ()  # value from which a band is saturated; empty if `time` spans more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
-    tables: Sequence[int] = ()  # index into `following` for each band but the first
-    first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
-    following: Sequence[Sequence[float]] = field(default=(), repr=False)  # of each bin, given the band before
+    tables: tuple[int, ...] = ()  # index into `following` for each band but the first
+    first: tuple[float, ...] = field(default=(), repr=False)  # log probability of each bin in the first band
+    following: tuple[tuple[float, ...], ...] = field(default=(), repr=False)  # of each bin, given the band before
     threshold: float = 0.0  # least score of 3 x 3 pixels (see `Excess.scores`) of a target
     reason: str = ""  # why there is no test, else empty
 
