@@ -34,7 +34,7 @@ from ..physics.atmosphere import irradiance
 from ..remove.noise import noise
 from ..remove.spectrum import SUN_ZENITH
 from . import spectra
-from .spectra import Flash, Model, Places
+from .spectra import Model, Places
 from .state import LASTS, LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
@@ -109,7 +109,7 @@ class Targets:
         """Models of targets for each brightness (see `spectra.models`)."""
         return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
-    def flashes(self, change: float = spectra.CHANGE) -> list[Flash]:
+    def flashes(self, change: float = spectra.CHANGE) -> list[Model]:
         """Models of flashes that last through all bands, for each brightness; `change` is as in `spectra.flashes`."""
         return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
 
@@ -143,10 +143,10 @@ class Targets:
         """Log likelihood ratio S of target and sparkle, and index of the likeliest spectrum of a target, (pixel,) each.
         `e` (band, pixel) is the excess over the background divided by `light`.
         """
-        target, kind = spectra.target_likelihoods(e, self.models)
+        target, kind = spectra.likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
-            flash = spectra.flash_likelihoods(e, self.flashes())
+            flash, _ = spectra.likelihoods(e, self.flashes())
             other = np.logaddexp(other, np.float32(np.log(self.flash_share)) + flash)
         return target - other, kind
 
