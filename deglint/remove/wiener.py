@@ -266,8 +266,8 @@ def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references:
 
 def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
     """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
-    slopes = [float(s) if s > 0 else 1.0 for s in common.response]  # change of a band if its NIR rises by 1 everywhere
-    indexes = [_indexes(some, common, slopes) for some in fitted]
+    slopes = [float(s) if s > 0 else 0.0 for s in common.response]  # change of a band if its NIR rises by 1 everywhere
+    indexes = [_indexes(some, common, [s or 1.0 for s in slopes]) for some in fitted]
     fits = {}
     for f in fitted[0]:
         for place, loss in zip(f.bands, f.loss, strict=True):
@@ -296,11 +296,10 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> LevelSample:
+def _level_sample(model: GlintModel, slopes: Float64, learnt: Sequence[_Learnt], side: int) -> LevelSample:
     """Values from which the levels are determined; `side`: width of the squares of its local means [pixel]."""
     import cv2
 
-    slopes = np.array([f.slope for f in model.fits])
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -319,9 +318,9 @@ def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> Le
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
-    slopes = np.array([f.slope for f in model.fits])
+    slopes = np.array([f.slope or 1.0 for f in model.fits])  # 1: a band without glint, which is not changed
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
-    sample = _level_sample(model, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
+    sample = _level_sample(model, slopes, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
     of_glint = slopes_of_glint(slopes, request)
     level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
     error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
