@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain
+from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain, with_targets
 from ..errors import FitError
 from ..moments import Float64
 from ..morphology import grown
@@ -86,11 +86,10 @@ class Choice:
         if not others:
             why = (self.failed or {}).get("wiener", "no candidate could be tried")
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
-        least, trial = min(others, key=lambda t: t.error), self.trial
-        own = float("nan") if trial is None else trial.error
+        least = min(others, key=lambda t: t.error)
         return (
             f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
-            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({own:.1%}): "
+            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({self.trials[0].error:.1%}): "
             "the bands share no glint that is worth removing"
         )
 
@@ -172,10 +171,7 @@ def choose(
     def work(job: tuple[Candidate, bool]) -> _Run | FitError:
         candidate, signals = job
         check = None if signals else partial(_check, fine=unit if fine else None)
-        try:
-            return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
-        except FitError as error:
-            return error
+        return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
 
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
     jobs = list(product(todo, (False, True)))  # without and with signals apart: two threads share the slowest candidate
@@ -284,14 +280,18 @@ def _run(
     setting: Setting,
     removal: FitRemoval,
     check: Callable[[FittedChain], None] | None,
-) -> _Run:
-    """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
+) -> _Run | FitError:
+    """Fit a candidate to the sample tiles, `check` it, and run it; return the FitError if it cannot be fitted."""
     if candidate.method == "copy":
         return _Run([s.image for s in sample.states], [])
-    fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
-    if check is not None:
-        check(fitted)
-    return _Run(fitted.images, [s.targets for s in fitted.sample.states])
+    try:
+        fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
+        if check is not None:
+            check(fitted)
+    except FitError as error:
+        return error
+    states = fitted.sample.states
+    return _Run([with_targets(s) for s in states], [s.targets for s in states])
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:

@@ -22,11 +22,6 @@ class FittedChain:
     model: GlintModel
     sample: Sample
 
-    @property
-    def images(self) -> list[Float32]:
-        """Image (band, row, column) of each block of the sample after the chain, with targets restored."""
-        return [with_targets(s) for s in self.sample.states]
-
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
     """Fit the stages and the removal of a chain to a sample; `text` is the chain as in `parse` ("remove": no stages).

@@ -115,11 +115,6 @@ class Setting:
         return tuple(int(i) for i in np.argsort(by, kind="stable"))
 
     @cached_property
-    def saturation(self) -> Float64:
-        """Declared saturation value of each band, (band,); infinity where there is none."""
-        return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
-
-    @cached_property
     def colour(self) -> Float32:
         """Spectrum of glint: direct irradiance of the sun [W m-2 nm-1]; all 1 if a wavelength is not 300 to 1000 nm."""
         from ..physics.atmosphere import irradiance
@@ -156,7 +151,7 @@ def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
     The saturation value is the declared one, else infinity; or the highest of the water, if lower and in many pixels.
     """
-    found = setting.saturation.copy()
+    found = np.array([np.inf if b.saturation is None else b.saturation for b in setting.bands])
     for b in range(len(found)):
         values = np.concatenate([s.raw[b][s.water] for s in sample.states])
         top = values.max(initial=0)
