@@ -1,7 +1,5 @@
 """Run candidates on sample tiles, with and without implanted signals, and choose the best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -123,6 +121,14 @@ class Choice:
             "trials": [{"name": t.candidate.name, **asdict(t)} for t in self.trials],
             "not_tried": self.failed or {},
         }
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Result of a candidate on the sample tiles."""
+
+    images: list[Float32]  # (band, row, column) of each tile
+    targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
 def choose(
@@ -264,14 +270,6 @@ def _own_signal(
     high = [np.inf if b == nir else np.percentile(sample.values([i[b] for i in images]), OFTEN) for b in bands]
     images = [np.minimum(i, np.array(high, np.float32)[:, None, None]) for i in images]
     return least_signal(images, inside, unit, noises, nir, spectrum)
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """Result of a candidate on the sample tiles."""
-
-    images: list[Float32]  # (band, row, column) of each tile
-    targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
 def _run(

@@ -1,11 +1,9 @@
 """Data that pass from stage to stage of a compensation (`State`), and data to which stages are fitted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -43,7 +41,7 @@ class State:
     errors: bool = False  # whether stages compute `variance`
 
     @classmethod
-    def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
+    def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> Self:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
         Pixels not finite in a band, or outside the mask `water` (row, column; None: all is water), get the values of
         the nearest water pixel. Raises InputError if values of water exceed `LARGEST`.

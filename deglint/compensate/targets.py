@@ -16,13 +16,11 @@ that move by more than a quarter of their width from the first to the last band,
 where sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import cv2
 import numpy as np
@@ -161,7 +159,7 @@ class Excess:
     afloat: bool = False  # without a background: targets must be lit in a band with dark water, if there is one
 
     @classmethod
-    def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
+    def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Self:
         """Make the excess of a block `raw` and its background, both (band, row, column); None: local mean of `raw`."""
         planes = [raw[b] for b in stage.bands]
         if background is None:

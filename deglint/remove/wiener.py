@@ -13,8 +13,6 @@ It fails for unknown strips with other band delays, for a homogeneous sheet of g
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -62,6 +60,17 @@ class SampleTile:
     water: Mask  # (row, column), True over water; references are replaced elsewhere
     sample: Mask  # (row, column), pixels used for fitting: water away from shores, or the sample given by the user
     origin: tuple[int, int] = (0, 0)  # row and column of the tile in the scene [pixel]
+
+
+@dataclass(frozen=True, eq=False)
+class _Learnt:
+    """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
+
+    references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
+    bands: list[FloatArray]  # (row, column) of each band to correct
+    sample: Mask  # (row, column): pixels for the level
+    teaches: Mask  # (row, column): pixels for the kernels
+    origin: tuple[int, int]  # row and column of the tile in the scene
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
@@ -198,17 +207,6 @@ def _serves(band: Band) -> bool:
     wave, narrow = band.wavelength or 0.0, band.width is not None and band.width < 40
     vapour = 1340 <= wave <= 1420 or (narrow and 925 <= wave <= 965)
     return not vapour and 750 <= wave <= 2400
-
-
-@dataclass(frozen=True, eq=False)
-class _Learnt:
-    """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
-
-    references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
-    bands: list[FloatArray]  # (row, column) of each band to correct
-    sample: Mask  # (row, column): pixels for the level
-    teaches: Mask  # (row, column): pixels for the kernels
-    origin: tuple[int, int]  # row and column of the tile in the scene
 
 
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
