@@ -107,12 +107,6 @@ class Setting:
         return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
 
     @cached_property
-    def order(self) -> tuple[int, ...]:
-        """0-based bands in order of time; if times are not known, of wavelength, those without wavelength last."""
-        by = self.wavelengths if self.offsets is None else self.offsets
-        return tuple(int(i) for i in np.argsort(by, kind="stable"))
-
-    @cached_property
     def colour(self) -> Float32:
         """Spectrum of glint: direct irradiance of the sun [W m-2 nm-1]; all 1 if a wavelength is not 300 to 1000 nm."""
         from ..physics.atmosphere import irradiance
