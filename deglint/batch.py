@@ -5,8 +5,6 @@ its outputs have changed since; a batch that was interrupted can therefore be co
 scene after the other, so it imports modules only once. A worker that crashes is reported and replaced.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -112,18 +110,6 @@ def read_order(path: str, directory: str | None = None) -> BatchConfig:
 
 
 @dataclass(frozen=True)
-class Job:
-    """One scene of a batch, and the outputs that are made from it."""
-
-    scene: ListedScene
-    outputs: Outputs
-
-    def ended(self, status: str, reason: str = "", **more: Any) -> Outcome:
-        """Make the `Outcome` of this scene from its status, the reason for it, and further fields (`more`)."""
-        return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
-
-
-@dataclass(frozen=True)
 class Outcome:
     """Result of one scene, which is a row of the summary of the batch."""
 
@@ -136,6 +122,18 @@ class Outcome:
     method: str = ""  # method of removal
     corrected: float | None = None  # share of the pixels that were corrected [1]
     warnings: int = 0  # number of warnings in the sidecar
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene of a batch, and the outputs that are made from it."""
+
+    scene: ListedScene
+    outputs: Outputs
+
+    def ended(self, status: str, reason: str = "", **more: Any) -> Outcome:
+        """Make the `Outcome` of this scene from its status, the reason for it, and further fields (`more`)."""
+        return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
 def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:

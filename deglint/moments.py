@@ -18,7 +18,6 @@ doi:10.1080/00031305.1983.10483115.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,8 +34,7 @@ pixel from the mean. A share of 0.9 costs three bits of precision."""
 CELL = 64  # side of a cell [pixel]; tiles that start at multiples of it give bit-identical statistics
 
 
-@dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(NamedTuple):
     """Count, mean, central co-moments and range of pixels with several variables, such as bands.
 
     Attributes
@@ -80,7 +78,7 @@ class CellMoments(NamedTuple):
     @classmethod
     def from_moments(cls, m: Moments) -> CellMoments:
         """Convert a `Moments` object to one cell, at the origin of the scene."""
-        return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in vars(m).values()))
+        return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in m))
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
@@ -125,8 +123,7 @@ class CellMoments(NamedTuple):
     def total(self) -> Moments:
         """Moments of all cells together; neighbouring cells, in the current order, are merged first."""
         if not len(self.n):
-            variables = self.mean.shape[1]
-            return Moments(0, *_two_passes(np.empty((variables, 0)))[1:])
+            return _two_passes(np.empty((self.mean.shape[1], 0)))
         cells = self
         with np.errstate(over="ignore", invalid="ignore"):
             while len(cells.n) > 1:
@@ -158,7 +155,7 @@ def cell_moments(
         for row, rows in edges[0]:
             for column, columns in edges[1]:
                 one = _reduced(block[:, rows, columns], None if mask is None else mask[rows, columns])
-                if one[0]:
+                if one.n:
                     keys.append((row, column))
                     found.append(one)
     arrays = (np.array(values, np.float64) for values in zip(*found, strict=True))
@@ -187,11 +184,7 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
     return np.asarray(mask & (mixed % np.uint64(share) == 0))
 
 
-Reduced = tuple[int, Float64, Float64, Float64, Float64, Float64]
-"""Count, mean, comoment, minimum, maximum and rest of one cell."""
-
-
-def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
+def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Moments:
     """Moments of finite pixels of a cell (variable, row, column) where `inside` (row, column; None: all) is True."""
     if inside is None or inside.all():
         one = _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))
@@ -202,7 +195,7 @@ def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Reduced:
     return _two_passes(x[:, valid if inside is None else valid & inside.ravel()])
 
 
-def _one_pass(x: Float64) -> Reduced | None:
+def _one_pass(x: Float64) -> Moments | None:
     """Moments of `x` (variable, pixel) in one pass, or None if they are imprecise or not finite. It overwrites `x`."""
     count = x.shape[1]
     low, high = x.min(axis=1), x.max(axis=1)
@@ -214,22 +207,22 @@ def _one_pass(x: Float64) -> Reduced | None:
         return None
     comoment -= total[:, None] * centre
     mean, rest = _two_sum(shift, centre)
-    return count, mean, comoment, low, high, rest
+    return Moments(count, mean, comoment, low, high, rest)
 
 
-def _two_passes(x: Float64) -> Reduced:
+def _two_passes(x: Float64) -> Moments:
     """Moments of finite `x` (variable, pixel) in two passes: the mean, then moments about it. It overwrites `x`."""
     count = x.shape[1]
     low, high = x.min(axis=1, initial=np.inf), x.max(axis=1, initial=-np.inf)
     if not count:
-        return 0, np.zeros(len(x)), np.zeros((len(x), len(x))), low, high, np.zeros(len(x))
+        return Moments(0, np.zeros(len(x)), np.zeros((len(x), len(x))), low, high, np.zeros(len(x)))
     shift = _typical(x)
     x -= shift[:, None]
     centre = x.mean(axis=1)
     x -= centre[:, None]
     left = x.mean(axis=1)
     mean, rest = _two_sum(shift, centre + left)
-    return count, mean, x @ x.T - count * np.outer(left, left), low, high, rest
+    return Moments(count, mean, x @ x.T - count * np.outer(left, left), low, high, rest)
 
 
 def _typical(x: Float64) -> Float64:

@@ -122,16 +122,14 @@ def spread(everything: Sequence[Tile], pixels: int) -> list[Tile]:
     wanted = max(pixels // max(t.pixels for t in everything), 1)
     if len(everything) <= wanted:
         return list(everything)
-    lines: dict[int, list[Tile]] = {}
-    for tile in everything:
-        lines.setdefault(tile.row0, []).append(tile)
-    rows = sorted(lines)
-    columns = max(map(len, lines.values()))
+    in_order = sorted(everything, key=lambda t: (t.row0, t.col0))
+    rows = [list(row) for _row0, row in groupby(in_order, key=lambda t: t.row0)]
+    columns = max(map(len, rows))
     down = min(max(round(math.sqrt(wanted * len(rows) / columns)), 1), len(rows), wanted)
     across = min(max(wanted // down, 1), columns)
     chosen = []
     for i in range(down):
-        line = lines[rows[int((i + 0.5) * len(rows) / down)]]
+        line = rows[int((i + 0.5) * len(rows) / down)]
         shift = 0.25 if i % 2 else 0.75
         chosen += [line[int((j + shift) * len(line) / across)] for j in range(across)]
     return sorted(set(chosen), key=lambda t: (t.row0, t.col0))

@@ -251,3 +251,12 @@ def test_glint_goes(text):
     block = sparkling_block(seed=8)
     before, after = (np.abs(a - WATER[:, None, None]).mean() for a in (block, run(text, block)))
     assert after < 0.6 * before
+
+
+@pytest.mark.parametrize("wrong", ["2", [2.0], None, True])
+def test_a_saved_field_of_another_type_is_refused(wrong):
+    text = "identify-median, median:5, remove"
+    saved = Chain(fitted(text, sparkling_block()), (), text).numbers()
+    saved["before"][1]["largest"] = wrong
+    with pytest.raises(InputError, match=r"not a saved compensation \(.* is not of the type <class 'int'>\)"):
+        chain_from(json.loads(json.dumps(saved)))

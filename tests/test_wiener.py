@@ -99,6 +99,17 @@ def test_a_constant_band_has_no_noise_that_could_be_removed():
     assert "takes 0.0% off the noise" in model.warnings[0]
 
 
+def test_a_band_that_is_darker_under_glint_has_the_slope_0_and_is_not_changed():
+    block, rng = swell_block(), np.random.default_rng(5)
+    block[1] = 700 - 0.5 * (block[3] - 100) + rng.normal(size=block[1].shape)
+    model = fitted(block)
+    clean = remove.apply(block, model)
+    assert [f.slope > 0.9 for f in model.fits] == [True, False, True]
+    assert model.fits[1].slope == 0.0
+    np.testing.assert_array_equal(clean[1], block[1])
+    assert clean[0].std() < 0.1 * block[0].std()
+
+
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e3])
 def test_the_unit_does_not_matter(factor):
     block = swell_block()

@@ -1,7 +1,5 @@
 """Run candidates on sample tiles, with and without implanted signals, and choose the best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -11,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain
+from ..compensate import FitRemoval, FittedChain, Posterior, Sample, Setting, clump_width, fit_chain, with_targets
 from ..errors import FitError
 from ..moments import Float64
 from ..morphology import grown
@@ -87,11 +85,10 @@ class Choice:
         if not others:
             why = (self.failed or {}).get("wiener", "no candidate could be tried")
             return why.removesuffix("Nothing was corrected.").rstrip(". ")
-        least, trial = min(others, key=lambda t: t.error), self.trial
-        own = float("nan") if trial is None else trial.error
+        least = min(others, key=lambda t: t.error)
         return (
             f"the expected error of the best candidate ({least.candidate.name}, {least.error:.1%} of the water) is not "
-            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({own:.1%}): "
+            f"below {WORTH_REMOVING:.0%} of that of an uncorrected image ({self.trials[0].error:.1%}): "
             "the bands share no glint that is worth removing"
         )
 
@@ -125,6 +122,14 @@ class Choice:
             "trials": [{"name": t.candidate.name, **asdict(t)} for t in self.trials],
             "not_tried": self.failed or {},
         }
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Result of a candidate on the sample tiles."""
+
+    images: list[Float32]  # (band, row, column) of each tile
+    targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
 
 
 def choose(
@@ -173,10 +178,7 @@ def choose(
     def work(job: tuple[Candidate, bool]) -> _Run | FitError:
         candidate, signals = job
         check = None if signals else partial(_check, fine=unit if fine else None)
-        try:
-            return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
-        except FitError as error:
-            return error
+        return _run(candidate, marked if signals else sample, setting, removal(candidate.method), check)
 
     todo = candidates(setting, width=width, clump=clump_width(sample, setting.nir[0]))
     jobs = list(product(todo, (False, True)))  # without and with signals apart: two threads share the slowest candidate
@@ -221,7 +223,9 @@ def _judged(
         responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
         power = tuple(powers(plain.images, inside, unit).tolist())
         trials.append(Trial(c, power, gains(responses, added, inside, unit)))
-    left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
+    left, colour = np.array([t.power for t in trials]), setting.colour / setting.colour[setting.nir[0]]
+    # glint over that in the NIR, of radiance or reflectance, the larger; None if a wavelength is not in 300 to 1000 nm
+    spectrum = np.maximum(colour, 1) if (setting.colour != 1).any() else None
     errors = expected_errors(
         left,
         _limits(left, runs, inside, unit, setting),
@@ -246,16 +250,12 @@ def _limits(
     power: Float64, runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
 ) -> tuple[Float64, Float64]:
     """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
-    partner_of, clear = partners(setting, unit), _clear(runs, inside)
+    partner_of, clear, images = partners(setting, unit), list[Mask](), {c.name: r.images for c, r in runs.items()}
+    if "wiener" in images:  # the pixels from which it removes the least
+        glint = [raw - without for raw, without in zip(images["copy"], images["wiener"], strict=True)]
+        clear = least_glint(glint, inside)
     shared = np.array([powers(r.images, inside, unit, (), partner_of) for r in runs.values()]) if partner_of else power
     return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
-
-
-def _spectrum(setting: Setting) -> Float32 | None:
-    """Glint in each band, (band,), divided by that in the NIR; None if a wavelength is not in 300 to 1000 nm."""
-    if (setting.colour == 1).all():
-        return None
-    return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
 
 
 def _own_signal(
@@ -271,38 +271,45 @@ def _own_signal(
     return least_signal(images, inside, unit, noises, nir, spectrum)
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """Result of a candidate on the sample tiles."""
-
-    images: list[Float32]  # (band, row, column) of each tile
-    targets: list[Float32 | None]  # (band, row, column) of each tile: contrast of targets that the candidate recognised
-
-
 def _run(
     candidate: Candidate,
     sample: Sample,
     setting: Setting,
     removal: FitRemoval,
     check: Callable[[FittedChain], None] | None,
-) -> _Run:
-    """Fit a candidate to the sample tiles, `check` it, and run it. Raises FitError if it cannot be fitted."""
+) -> _Run | FitError:
+    """Fit a candidate to the sample tiles, `check` it, and run it; return the FitError if it cannot be fitted."""
     if candidate.method == "copy":
         return _Run([s.image for s in sample.states], [])
-    fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
-    if check is not None:
-        check(fitted)
-    return _Run(fitted.images, [s.targets for s in fitted.sample.states])
+    try:
+        fitted = fit_chain("remove" if candidate.chain == "off" else candidate.chain, sample, setting, removal)
+        if check is not None:
+            check(fitted)
+    except FitError as error:
+        return error
+    states = fitted.sample.states
+    return _Run([with_targets(s) for s in states], [s.targets for s in states])
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
-    """Raise FitError if a fitted candidate changes nothing, removes mirrored sky (see `_refuse_sky` with `fine` as
-    unit; None: not tested), or has a posterior mean that cannot tell residual glint from water.
+    """Raise FitError if a fitted candidate changes nothing, removes mirrored sky, or has a posterior mean that cannot
+    tell residual glint from water. Mirrored sky varies little, and symmetrically about its median.
+
+    fine : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated. None: what is
+        removed is not tested for mirrored sky
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
-        _refuse_sky(fitted, fine)
+        states, bands = fitted.sample.states, np.isfinite(fine).sum()
+        planes = [np.sum(s.removed / fine[:, None, None], axis=0) for s in states if s.removed is not None]
+        taken = fitted.sample.values(planes) / bands
+        share, deviation = even_share(taken), float(np.std(taken))
+        if share > EVEN and deviation < MIRRORED:
+            raise FitError(
+                f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, "
+                f"and {min(share, 1):.0%} of its variance is symmetric about its median"
+            )
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
 
@@ -348,30 +355,6 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
             if found is not None:
                 inside[n] = inside[n] & ~grown(np.any(found > 0, axis=0), 2 * NOT_JUDGED + 1)
     return tuple(inside)
-
-
-def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
-    """Masks of the pixels from which candidate `wiener` removes the least, see `least_glint`; [] if it was not run."""
-    by_name = {c.name: r.images for c, r in runs.items()}
-    if not {"copy", "wiener"} <= by_name.keys():
-        return []
-    glint = [raw - without for raw, without in zip(by_name["copy"], by_name["wiener"], strict=True)]
-    return least_glint(glint, inside)
-
-
-def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
-    """Raise FitError if what a removal removes is mirrored sky: it varies little, and symmetrically about its median.
-
-    unit : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated
-    """
-    planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
-    taken = fitted.sample.values(planes) / np.isfinite(unit).sum()
-    share, deviation = even_share(taken), float(np.std(taken))
-    if share > EVEN and deviation < MIRRORED:
-        raise FitError(
-            f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, and "
-            f"{min(share, 1):.0%} of its variance is symmetric about its median"
-        )
 
 
 def _levels(sample: Sample, bands: int) -> Float32:

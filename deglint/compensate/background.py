@@ -234,7 +234,9 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     colour = np.asarray(colour / np.median(colour / sigma), np.float32)
     reach = max((p.radius for p in states[0].psfs or ()), default=0)
     caps = ringing(sample, sigma)
-    stage = Background(size, setting.order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
+    by = setting.wavelengths if setting.offsets is None else setting.offsets  # of unknown wavelength: last
+    order = tuple(np.argsort(by, kind="stable").tolist())
+    stage = Background(size, order, tuple(map(float, colour)), (), (), 0.0, None, caps, reach)
     if setting.offsets is not None and size >= SMALLEST_OUTLINE and setting.nir and len(bands) > 2:
         stage = replace(stage, limit=_limit(stage, sample, setting.nir))
     levels = [stage.level(s) for s in states]

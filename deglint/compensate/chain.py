@@ -22,11 +22,6 @@ class FittedChain:
     model: GlintModel
     sample: Sample
 
-    @property
-    def images(self) -> list[Float32]:
-        """Image (band, row, column) of each block of the sample after the chain, with targets restored."""
-        return [with_targets(s) for s in self.sample.states]
-
 
 def fit_chain(text: str, sample: Sample, setting: Setting, fit_removal: FitRemoval) -> FittedChain:
     """Fit the stages and the removal of a chain to a sample; `text` is the chain as in `parse` ("remove": no stages).
@@ -53,12 +48,10 @@ def removed(state: State, model: GlintModel) -> State:
     if not model.halo:
         image = np.asarray(apply(state.image, model), np.float32)
         return replace(state, image=image, removed=state.image - image)
-    image, amount = state.image.copy(), np.zeros_like(state.image)
-    found, _exceeds = glint(state.image, model, state.water, state.origin)
-    for band, taken in found.items():
+    amount = np.zeros_like(state.image)
+    for band, taken in glint(state.image, model, state.water, state.origin)[0].items():
         amount[band] = taken
-        image[band] -= taken
-    return replace(state, image=image, removed=amount)
+    return replace(state, image=state.image - amount, removed=amount)
 
 
 def with_targets(state: State) -> Float32:

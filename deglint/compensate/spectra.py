@@ -4,7 +4,7 @@ A target is either painted (its spectrum has steep edges), or grey and under 0 t
 targets are not needed: an image with eight bands does not resolve the details of such spectra.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,10 +15,10 @@ from ..physics.iops import case1
 from .state import Float32
 
 Places = npt.NDArray[np.intp]
-Flash = tuple[Float32, np.float32]  # for one brightness: quadratic form (pair of bands,), constant of the log density
 Model = tuple[Float32, Float32, Float32]
 """For one brightness: quadratic forms (spectrum, pair of bands), constants of the log density (spectrum, 1), and
-matrices (spectrum, band, band) that give the contrast of a target from the excess."""
+matrices (spectrum, band, band) that give the contrast of a target from the excess; of a flash, there is one spectrum
+and no matrix."""
 
 TARGET_DEPTHS = 0.0, 1.5, 5.0
 """Depths of grey targets [m]: at the surface, a swimmer, and where the red is nearly absorbed."""
@@ -79,7 +79,7 @@ def reflectances(wavelengths: Float64, widths: Float64) -> tuple[Float64, Float6
 
 
 @lru_cache(maxsize=8)
-def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], change: float) -> list[Flash]:
+def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], change: float) -> list[Model]:
     """Models of a flash that lasts through all bands, one for each brightness 2**n with n = 0 to 16 [`Targets.light`].
 
     The brightness changes with time by a linear and a quadratic part. All arguments but `change` have a value per band.
@@ -95,7 +95,8 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
     for A in 2.0 ** np.arange(17):
         C = A * A * factors.T @ factors + np.diag(np.square(s) + (ROUGH * A * spectrum) ** 2)
         form = A * A * np.linalg.inv(C)[row, column] * np.where(row == column, 0.5, 1)
-        out.append((form.astype("f4"), np.float32(-0.5 * np.linalg.slogdet(2 * np.pi * C)[1])))
+        constant = np.full((1, 1), -0.5 * np.linalg.slogdet(2 * np.pi * C)[1], np.float32)
+        out.append((form.astype("f4")[None], constant, np.zeros((0, len(s), len(s)), np.float32)))
     return out
 
 
@@ -124,54 +125,37 @@ def brightness(e: Float32) -> Places:
     return np.clip(np.rint(np.log2(np.maximum(np.abs(e).max(axis=0), 1))), 0, 16).astype(np.intp)
 
 
-def target_likelihoods(e: Float32, of_targets: list[Model]) -> tuple[Float32, Places]:
-    """Log likelihood of a target with its likeliest spectrum, prior included, and the spectrum's index, (pixel,) each.
+def likelihoods(e: Float32, of: list[Model]) -> tuple[Float32, Places]:
+    """Log likelihood of the likeliest spectrum, prior included, and the spectrum's index, (pixel,) each.
 
     e : (band, pixel), excess over the background divided by `Targets.light`
-    of_targets : the models that `models` returns
+    of : the models of a target that `models` returns, or those of a flash that `flashes` returns
     """
     likelihood, kind = np.empty(e.shape[1], np.float32), np.empty(e.shape[1], np.intp)
-    for n, i, x in _pairs(e):
-        form, constant, _ = of_targets[n]
-        p = constant - form @ x
+    level, (row, column) = brightness(e), np.triu_indices(len(e))
+    for n in np.unique(level):
+        i, (form, constant, _) = np.flatnonzero(level == n), of[n]
+        x = e[:, i] * np.float32(0.5**n)
+        p = constant - form @ (x[row] * x[column])  # e_i e_j / 4**n for bands i <= j
         likelihood[i], kind[i] = p.max(axis=0), p.argmax(axis=0)
     return likelihood, kind
 
 
-def flash_likelihoods(e: Float32, of_flashes: list[Flash]) -> Float32:
-    """Log likelihood of a flash, (pixel,); `e` is as in `target_likelihoods`, `of_flashes` is made by `flashes`."""
-    likelihood = np.empty(e.shape[1], np.float32)
-    for n, i, x in _pairs(e):
-        form, constant = of_flashes[n]
-        likelihood[i] = constant - form @ x
-    return likelihood
-
-
 def lasting_flashes(
-    e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Flash], of_white: list[Flash]
+    e: Float32, sparkle: Float32, of_targets: list[Model], of_flashes: list[Model], of_white: list[Model]
 ) -> npt.NDArray[np.bool_]:
-    """Mask (pixel,) of flashes that last; all False if they are rare. `e`, as in `target_likelihoods`, has the pixels
+    """Mask (pixel,) of flashes that last; all False if they are rare. `e`, as in `likelihoods`, has the pixels
     lit in all bands, `sparkle` their log likelihood as changing sparkle; `of_white`: `flashes` with `NO_CHANGE`.
     """
-    target = target_likelihoods(e, of_targets)[0]
-    flash, white = (flash_likelihoods(e, models) for models in (of_flashes, of_white))
+    target, flash, white = (likelihoods(e, of)[0] for of in (of_targets, of_flashes, of_white))
     unexplained = np.maximum(target, flash) - sparkle > UNEXPLAINED
     ratios = np.clip(flash - np.stack([target, np.maximum(target, white)]), -UNEXPLAINED, UNEXPLAINED)
     frequent = unexplained.any() and (ratios[:, unexplained].mean(axis=1) > (LIKELIER, CHANGING)).all()
     return np.asarray(unexplained & (ratios[0] > 0) & frequent)
 
 
-def _pairs(e: Float32) -> Iterator[tuple[int, Places, Float32]]:
-    """Yield for each brightness 2**n: n, indices of its pixels, and e_i e_j / 4**n for bands i <= j, (pair, pixel)."""
-    level, (row, column) = brightness(e), np.triu_indices(len(e))
-    for n in np.unique(level):
-        i = np.flatnonzero(level == n)
-        x = e[:, i] * np.float32(0.5**n)
-        yield int(n), i, x[row] * x[column]
-
-
 def contrast(e: Float32, kind: npt.NDArray[np.uint8], of_targets: list[Model]) -> Float32:
-    """Contrast of targets (band, pixel), at least 0 [unit of `e`]; arguments, and `kind`, from `target_likelihoods`."""
+    """Contrast of targets (band, pixel), at least 0 [unit of `e`]; arguments, and `kind`, from `likelihoods`."""
     out, level = np.empty_like(e), brightness(e)
     for n in np.unique(level):
         i = np.flatnonzero(level == n)

@@ -7,17 +7,18 @@ remove``. `remove` is the removal by the NIR; stages before it process the scene
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import takewhile
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
+from ..checks import from_plain
 from ..errors import InputError
 from . import background, identify, median, normalise, posterior, replace_glint, targets
 from .background import Background
 from .identify import IdentifyMedian
 from .median import Median
 from .normalise import Normalise
-from .posterior import LeftOver, Posterior
+from .posterior import Posterior
 from .psf import PSF
 from .replace_glint import ReplaceBands, ReplaceLevel
 from .sharpen import Sharpen, SharpenImage
@@ -198,12 +199,10 @@ def plain(stage: Stage) -> dict[str, Any]:
 def _stage_from(data: Mapping[str, Any]) -> Stage:
     """Read a stage from the values that `plain` returns; `chain_from` explains the errors of other values."""
     kind: Any = STAGES[data["stage"]].stage
-    rest = {k: _tuples(v) for k, v in data.items() if k != "stage"}
-    if "psfs" in rest:
-        rest["psfs"] = tuple(PSF(np.array(k, np.float64)) for k in rest["psfs"])
-    if "left" in rest:
-        rest["left"] = tuple(LeftOver(**band) for band in rest["left"])
-    return kind(**rest)
+    types, values = get_type_hints(kind), {k: _with_infinity(v) for k, v in data.items() if k != "stage"}
+    if "psfs" in values:
+        values["psfs"] = [PSF(np.array(k, np.float64)) for k in values["psfs"]]
+    return kind(**{k: from_plain(types[k], v) for k, v in values.items()})
 
 
 def chain_from(data: Mapping[str, Any]) -> Chain:
@@ -220,8 +219,6 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
         raise InputError(f"not a saved compensation ({why}); fit and save it again.") from error
 
 
-def _tuples(value: Any) -> Any:
-    """A copy of a value, with a tuple for every list, also nested; None as an item of a list becomes infinity."""
-    if isinstance(value, dict):
-        return {k: _tuples(v) for k, v in value.items()}
-    return tuple(np.inf if v is None else _tuples(v) for v in value) if isinstance(value, list) else value
+def _with_infinity(value: Any) -> Any:
+    """A copy of a list, in which None becomes infinity; any other value as it is."""
+    return [np.inf if v is None else v for v in value] if isinstance(value, list) else value

@@ -1,11 +1,9 @@
 """Data that pass from stage to stage of a compensation (`State`), and data to which stages are fitted."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -43,7 +41,7 @@ class State:
     errors: bool = False  # whether stages compute `variance`
 
     @classmethod
-    def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> State:
+    def of(cls, block: npt.NDArray[Any], water: Mask | None = None, origin: tuple[int, int] = (0, 0)) -> Self:
         """Initial state of a block (band, row, column); `origin` is the row and column of its first pixel in the scene.
         Pixels not finite in a band, or outside the mask `water` (row, column; None: all is water), get the values of
         the nearest water pixel. Raises InputError if values of water exceed `LARGEST`.
@@ -109,17 +107,6 @@ class Setting:
         return self.offsets is not None and float(np.ptp(self.offsets)) >= LEAST_DELAY
 
     @cached_property
-    def order(self) -> tuple[int, ...]:
-        """0-based bands in order of time; if times are not known, of wavelength, those without wavelength last."""
-        by = self.wavelengths if self.offsets is None else self.offsets
-        return tuple(int(i) for i in np.argsort(by, kind="stable"))
-
-    @cached_property
-    def saturation(self) -> Float64:
-        """Declared saturation value of each band, (band,); infinity where there is none."""
-        return np.array([np.inf if b.saturation is None else b.saturation for b in self.bands])
-
-    @cached_property
     def colour(self) -> Float32:
         """Spectrum of glint: direct irradiance of the sun [W m-2 nm-1]; all 1 if a wavelength is not 300 to 1000 nm."""
         from ..physics.atmosphere import irradiance
@@ -156,7 +143,7 @@ def full_scale(sample: Sample, setting: Setting) -> Float64:
     """Value from which a pixel counts as saturated, (band,): 0.999 times the saturation value, or infinity.
     The saturation value is the declared one, else infinity; or the highest of the water, if lower and in many pixels.
     """
-    found = setting.saturation.copy()
+    found = np.array([np.inf if b.saturation is None else b.saturation for b in setting.bands])
     for b in range(len(found)):
         values = np.concatenate([s.raw[b][s.water] for s in sample.states])
         top = values.max(initial=0)

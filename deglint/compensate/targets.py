@@ -16,13 +16,11 @@ that move by more than a quarter of their width from the first to the last band,
 where sparkle lasts, and where bands are misregistered by more than a third of a pixel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import cv2
 import numpy as np
@@ -34,7 +32,7 @@ from ..physics.atmosphere import irradiance
 from ..remove.noise import noise
 from ..remove.spectrum import SUN_ZENITH
 from . import spectra
-from .spectra import Flash, Model, Places
+from .spectra import Model, Places
 from .state import LASTS, LEAST_DELAY, Float32, Mask, Sample, Setting, State, full_scale
 
 Kinds = npt.NDArray[np.uint8]
@@ -70,20 +68,20 @@ class Targets:
     """The fitted stage `targets`: it finds small bright targets, whose contrast is restored after the removal."""
 
     name: ClassVar[str] = "targets"
-    bands: Sequence[int] = ()  # 0-based bands that are used, in order of time
-    wavelengths: Sequence[float] = ()  # their centres [nm]
-    widths: Sequence[float] = ()  # their full widths [nm]
-    light: Sequence[float] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
-    noise: Sequence[float] = ()  # standard deviation of noise, and of texture of the water, over `light`
-    water: Sequence[float] = ()  # radiance of water over `light`
-    glint: Sequence[float] = ()  # relative radiance of glint over `light`
-    time: Sequence[float] = ()  # time offset [s]
+    bands: tuple[int, ...] = ()  # 0-based bands that are used, in order of time
+    wavelengths: tuple[float, ...] = ()  # their centres [nm]
+    widths: tuple[float, ...] = ()  # their full widths [nm]
+    light: tuple[float, ...] = ()  # relative radiance of a white target, scaled so that `noise` has a median of 1
+    noise: tuple[float, ...] = ()  # standard deviation of noise, and of texture of the water, over `light`
+    water: tuple[float, ...] = ()  # radiance of water over `light`
+    glint: tuple[float, ...] = ()  # relative radiance of glint over `light`
+    time: tuple[float, ...] = ()  # time offset [s]
     flash_share: float = 0.0  # share of the pixels with flashes that last through all bands; 0 where they are rare
-    full: Sequence[float] = ()  # value from which a band is saturated; empty if `time` spans more than `LASTS`
+    full: tuple[float, ...] = ()  # value from which a band is saturated; empty if `time` spans more than `LASTS`
     top: float = 1.0  # upper end of the histograms [asinh(excess)]
-    tables: Sequence[int] = ()  # index into `following` for each band but the first
-    first: Sequence[float] = field(default=(), repr=False)  # log probability of each bin in the first band
-    following: Sequence[Sequence[float]] = field(default=(), repr=False)  # of each bin, given the band before
+    tables: tuple[int, ...] = ()  # index into `following` for each band but the first
+    first: tuple[float, ...] = field(default=(), repr=False)  # log probability of each bin in the first band
+    following: tuple[tuple[float, ...], ...] = field(default=(), repr=False)  # of each bin, given the band before
     threshold: float = 0.0  # least score of 3 x 3 pixels (see `Excess.scores`) of a target
     reason: str = ""  # why there is no test, else empty
 
@@ -109,7 +107,7 @@ class Targets:
         """Models of targets for each brightness (see `spectra.models`)."""
         return spectra.models(*(tuple(v) for v in (self.wavelengths, self.widths, self.water, self.noise)))
 
-    def flashes(self, change: float = spectra.CHANGE) -> list[Flash]:
+    def flashes(self, change: float = spectra.CHANGE) -> list[Model]:
         """Models of flashes that last through all bands, for each brightness; `change` is as in `spectra.flashes`."""
         return spectra.flashes(*(tuple(v) for v in (self.glint, self.time, self.noise)), change)
 
@@ -143,10 +141,10 @@ class Targets:
         """Log likelihood ratio S of target and sparkle, and index of the likeliest spectrum of a target, (pixel,) each.
         `e` (band, pixel) is the excess over the background divided by `light`.
         """
-        target, kind = spectra.target_likelihoods(e, self.models)
+        target, kind = spectra.likelihoods(e, self.models)
         other = self.sparkle(e)
         if self.flash_share:
-            flash = spectra.flash_likelihoods(e, self.flashes())
+            flash, _ = spectra.likelihoods(e, self.flashes())
             other = np.logaddexp(other, np.float32(np.log(self.flash_share)) + flash)
         return target - other, kind
 
@@ -161,7 +159,7 @@ class Excess:
     afloat: bool = False  # without a background: targets must be lit in a band with dark water, if there is one
 
     @classmethod
-    def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Excess:
+    def of(cls, stage: Targets, raw: Float32, background: Float32 | None) -> Self:
         """Make the excess of a block `raw` and its background, both (band, row, column); None: local mean of `raw`."""
         planes = [raw[b] for b in stage.bands]
         if background is None:

@@ -1,11 +1,9 @@
 """Find the deep-water sample: dark, even water with the strongest glint, far from all that is not water."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -74,9 +72,9 @@ class _Local(NamedTuple):
     covariance: Float64  # of the NIR and the visible sum
     visible: Float64  # variance of the visible sum
 
-    def pick(self, chosen: Mask | slice) -> _Local:
+    def pick(self, chosen: Mask | slice) -> Self:
         """The statistics of the pixels that a mask or a slice selects, (pixel,)."""
-        return _Local._make(values[chosen] for values in self)
+        return type(self)._make(values[chosen] for values in self)
 
     @property
     def residual(self) -> Float64:

@@ -11,14 +11,6 @@ from .recipe import Recipe
 from .run import remove_glint
 
 __all__ = [
-    "FLAGS",
-    "GLINT_CLASSES",
-    "Fitted",
-    "Outputs",
-    "Recipe",
-    "Result",
-    "fit_scene",
-    "load_chain",
-    "load_model",
+    "FLAGS", "GLINT_CLASSES", "Fitted", "Outputs", "Recipe", "Result", "fit_scene", "load_chain", "load_model",
     "remove_glint",
-]
+]  # fmt: skip

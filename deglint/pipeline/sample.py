@@ -238,7 +238,7 @@ def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
         pixels = math.prod(high - low for low, high in sampler.bounds)
     share, levels = max(1, -(-pixels // KEPT_PIXELS)), math.ceil(math.log2(max(pixels / CELL**2 / MOST_CELLS, 1)))
     plan = replace(METHODS[method].plan(job.request), share=share, levels=levels)  # type: ignore[misc]
-    read = list(_read(job, sampler, plan, sampler.tiles))
+    read = list(_read(job, sampler, plan))
     stats = merge([part for part, _places in read], plan)
     model = METHODS[method].fit(job.request, stats)
     entries, outline = describe_sample(job, model, stats.moments.n, [p for _part, places in read for p in places])
@@ -246,11 +246,9 @@ def fit_sampled(job: Job, method: str) -> tuple[GlintModel, Sampled, list[str]]:
     return model, (entries | sampler.numbers, outline), [note]
 
 
-def _read(
-    job: Job, sampler: Sampler, plan: SamplePlan, batch: Sequence[Tile]
-) -> Iterator[tuple[SampleStatistics, list[Place]]]:
-    """Yield, for each row of tiles of a batch, the statistics of the sample, and its `Place` in each tile."""
-    scene, halo = job.scene, max(plan.halo, 0)
+def _read(job: Job, sampler: Sampler, plan: SamplePlan) -> Iterator[tuple[SampleStatistics, list[Place]]]:
+    """Yield, for each row of tiles of the sampler, the statistics of the sample, and its `Place` in each tile."""
+    scene, halo = job.scene, plan.halo
     outlined = scene if job.want_sample else None  # workers of a cluster get no job: `note` belongs to this process
     columns = sorted({*plan.read_bands, *sampler.bands})
     rows, reach = [columns.index(b) for b in plan.read_bands], halo + sampler.halo
@@ -264,9 +262,9 @@ def _read(
         part = gather(block, mask, plan, origin=(tile.row0, tile.col0), crop=tile.crop_of(middle))
         return part, place_of(mask[tile.within(middle)], tile, outlined)
 
-    largest = max(batch, key=lambda tile: tile.pixels).shape
+    largest = max(sampler.tiles, key=lambda tile: tile.pixels).shape
     at_once = tiling.affordable(job.threads, largest, 4 * len(columns))  # statistics take several copies
-    done = job.run(batch, work, threads=at_once, progress=job.note, start=enter_thread)
+    done = job.run(sampler.tiles, work, threads=at_once, progress=job.note, start=enter_thread)
     return tiling.by_rows(done, lambda row: (merge([part for part, _ in row], plan), [place for _, place in row]))
 
 

@@ -175,14 +175,13 @@ def nir_request(
     shorter = [i for i, b in enumerate(bands) if (b.wavelength or unknown) < limit]
     wanted = shorter if correct is None else _numbers(correct, len(bands), "correct")
     chosen = tuple(dict.fromkeys(b for b in wanted if b not in nir))
+    check_choice(use, ["mean", "best", "set"], "use of several NIR bands")
     if use == "mean":
         indexes = [GlintIndex(tuple(nir), (1.0 / len(nir),) * len(nir))]
         follows: list[int | None] = [0] * len(chosen)
-    elif use in ("best", "set"):
+    else:
         indexes = [GlintIndex((b,), (1.0,)) for b in nir]
         follows = [None if use == "best" else _same_group(bands, nir, b) for b in chosen]
-    else:
-        raise InputError(f"use of several NIR bands {use!r} is not one of mean, best, set.")
     return FitRequest(tuple(bands), chosen, tuple(indexes), tuple(follows), **options)
 
 

@@ -10,11 +10,9 @@ its window on each reference. The fit is repeated without each group of squares 
 left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise, product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -54,9 +52,9 @@ class LagGrams(NamedTuple):
     places: npt.NDArray[np.int64]  # (square, 2): row and column in the scene of the first pixel of the square
     sides: tuple[int, ...]  # side of the window on each reference [pixel]
 
-    def some(self, chosen: Mask) -> LagGrams:
+    def some(self, chosen: Mask) -> Self:
         """The Gram matrices of those squares of the sample for which the mask `chosen` (square,) is True."""
-        return LagGrams(self.grams[chosen], self.pixels[chosen], self.places[chosen], self.sides)
+        return self._replace(grams=self.grams[chosen], pixels=self.pixels[chosen], places=self.places[chosen])
 
     def columns(self, reference: int, side: int) -> list[int]:
         """Indices of the rows of a Gram matrix for a kernel of this side [pixel] on one reference (0 for the first)."""

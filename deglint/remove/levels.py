@@ -7,10 +7,8 @@ Parzen (1962), "On estimation of a probability density function and mode", Annal
 Silverman (1986), "Density estimation for statistics and data analysis", Chapman and Hall.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -177,9 +175,9 @@ class LevelSample:
     local: FloatArray  # (band, pixel): local mean of prediction - value / slope [unit of the NIR]
     apart: Mask  # (pixel,): True where a pixel may determine the level (`apart_from_sparkle`); if nowhere, all may
 
-    def some(self, which: Any) -> LevelSample:
+    def some(self, which: Any) -> Self:
         """The sample reduced to the pixels that `which`, a mask (pixel,) or a slice, selects."""
-        return LevelSample(*(values[..., which] for values in vars(self).values()))
+        return type(self)(*(values[..., which] for values in vars(self).values()))
 
 
 def shared_level(

@@ -50,17 +50,15 @@ def _filtered(wide: Mapping[int, Any], index: GlintIndex) -> FloatArray:
     import cv2
 
     inner = slice(KERNEL_REACH, -KERNEL_REACH), slice(KERNEL_REACH, -KERNEL_REACH - SPARE)
-    total: FloatArray | None = None
+    parts: list[Any] = []
     for band in dict.fromkeys(index.bands):
         terms = [(o, w) for b, o, w in zip(index.bands, index.offsets, index.weights, strict=True) if b == band]
         reach = max(abs(step) for offset, _ in terms for step in offset)
         kernel = np.zeros((2 * reach + 1, 2 * reach + 1), wide[band].dtype)
         for (row, column), weight in terms:
             kernel[row + reach, column + reach] = weight
-        found: Any = cv2.filter2D(wide[band], -1, kernel, borderType=cv2.BORDER_CONSTANT)[inner]
-        total = found if total is None else np.add(total, found, out=total)
-    assert total is not None
-    return total
+        parts.append(cv2.filter2D(wide[band], -1, kernel, borderType=cv2.BORDER_CONSTANT)[inner])
+    return np.asarray(sum(parts[1:], parts[0]))
 
 
 def glint(

@@ -1,7 +1,5 @@
 """Spectrum of sun glint, toward which slopes are shifted, and which limits the possible NIR of the water."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

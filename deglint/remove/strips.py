@@ -6,10 +6,9 @@ kernel for both would fit neither. The kind at a pixel is known from the footpri
 determined from the image: the kernels of the two kinds are point reflections of each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +30,7 @@ class Strips:
     rows: tuple[str, ...]  # one text per row of squares: "0" for a square of the first kind, "1" of the second
 
     @classmethod
-    def of(cls, second: Mask) -> Strips:
+    def of(cls, second: Mask) -> Self:
         """Make the map from a mask, (row of squares, column of squares), that is True for the second kind of strip."""
         return cls(tuple("".join("1" if s else "0" for s in row) for row in second))
 

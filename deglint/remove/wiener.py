@@ -13,8 +13,6 @@ It fails for unknown strips with other band delays, for a homogeneous sheet of g
 for a wrong water mask, and over very shallow water, where the NIR shows the bottom. A fit reads 300,000 pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -62,6 +60,17 @@ class SampleTile:
     water: Mask  # (row, column), True over water; references are replaced elsewhere
     sample: Mask  # (row, column), pixels used for fitting: water away from shores, or the sample given by the user
     origin: tuple[int, int] = (0, 0)  # row and column of the tile in the scene [pixel]
+
+
+@dataclass(frozen=True, eq=False)
+class _Learnt:
+    """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
+
+    references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
+    bands: list[FloatArray]  # (row, column) of each band to correct
+    sample: Mask  # (row, column): pixels for the level
+    teaches: Mask  # (row, column): pixels for the kernels
+    origin: tuple[int, int]  # row and column of the tile in the scene
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
@@ -200,17 +209,6 @@ def _serves(band: Band) -> bool:
     return not vapour and 750 <= wave <= 2400
 
 
-@dataclass(frozen=True, eq=False)
-class _Learnt:
-    """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
-
-    references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
-    bands: list[FloatArray]  # (row, column) of each band to correct
-    sample: Mask  # (row, column): pixels for the level
-    teaches: Mask  # (row, column): pixels for the kernels
-    origin: tuple[int, int]  # row and column of the tile in the scene
-
-
 def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
     """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels too bright for glint, and NaN."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
@@ -267,8 +265,8 @@ def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references:
 def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
     """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
     # change of a band if its NIR rises by 1 everywhere
-    slopes = [float(s) if s > 0 else 1.0 for s in common.response + common.hidden]
-    indexes = [_indexes(some, common, slopes) for some in fitted]
+    slopes = [float(s) if s > 0 else 0.0 for s in common.response + common.hidden]
+    indexes = [_indexes(some, common, [s or 1.0 for s in slopes]) for some in fitted]
     fits = {}
     for f in fitted[0]:
         for place, loss in zip(f.bands, f.loss, strict=True):
@@ -299,11 +297,10 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> LevelSample:
+def _level_sample(model: GlintModel, slopes: Float64, learnt: Sequence[_Learnt], side: int) -> LevelSample:
     """Values from which the levels are determined; `side`: width of the squares of its local means [pixel]."""
     import cv2
 
-    slopes = np.array([f.slope for f in model.fits])
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
@@ -322,9 +319,9 @@ def _level_sample(model: GlintModel, learnt: Sequence[_Learnt], side: int) -> Le
 
 def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
-    slopes = np.array([f.slope for f in model.fits])
+    slopes = np.array([f.slope or 1.0 for f in model.fits])  # 1: a band without glint, which is not changed
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
-    sample = _level_sample(model, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
+    sample = _level_sample(model, slopes, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
     of_glint = slopes_of_glint(slopes, request)
     level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
     error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
