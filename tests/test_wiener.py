@@ -333,13 +333,15 @@ def test_the_level_under_dense_glint_is_bounded_by_the_darkest_water(red, shape,
 def test_slopes_that_noise_or_foam_determines_are_not_those_of_glint(fitted, taken):
     request = nir_request(BANDS, [3], regression="detrended")
     for spectrum in spectra(request):
-        found = slopes_of_glint(fitted * spectrum, request)
+        found = slopes_of_glint(fitted * spectrum, np.full(3, 0.5), request)
         if fitted < 1.2 or spectrum.std() > 0:  # foam in reflectance is like glint in radiance
             np.testing.assert_allclose(found, taken * spectrum)
     mixed = np.array([0.9, 0.9, 0.7])  # no single cause
-    np.testing.assert_allclose(slopes_of_glint(mixed, request), mixed)
+    np.testing.assert_allclose(slopes_of_glint(mixed, np.full(3, 0.5), request), mixed)
+    sure = np.array([1.0, 0.9, 1.0])
+    np.testing.assert_allclose(slopes_of_glint(sure, np.full(3, 0.95), request), [1, 0.9 / 0.95, 1])
     red_edge = replace(request, bands=(*BANDS[:2], replace(BANDS[2], wavelength=705.0), BANDS[3]))
-    assert np.isnan(slopes_of_glint(np.ones(3), red_edge)).tolist() == [False, False, True]
+    assert np.isnan(slopes_of_glint(np.ones(3), np.ones(3), red_edge)).tolist() == [False, False, True]
 
 
 def test_waves_that_bands_do_not_share_do_not_raise_the_level_of_a_sheet():

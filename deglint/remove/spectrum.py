@@ -21,7 +21,7 @@ class CommonGlint(NamedTuple):
     hidden: Float64  # (band,): what the new responses lack of `slopes_of_glint`; 0 where waves are resolved
 
 
-def shared_glint(response: Float64, covariance: Float64, request: FitRequest) -> CommonGlint:
+def shared_glint(response: Float64, covariance: Float64, explained: Float64, request: FitRequest) -> CommonGlint:
     r"""Weights that estimate the strength of glint from the bands, and new responses of the bands.
 
     The response of a band is its glint divided by the glint of its NIR (see `kernels`). The strength a of glint
@@ -33,7 +33,7 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
 
     V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
     whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s. If waves are resolved, or with
-    "ols", no glint counts as hidden.
+    "ols", no glint counts as hidden. `explained` is as in `slopes_of_glint`.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
@@ -48,24 +48,28 @@ def shared_glint(response: Float64, covariance: Float64, request: FitRequest) ->
         away = response - size * colour
         scaled = np.linalg.solve(covariance + prior + tiny, away)
         posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        lacks = 0 * response if request.resolved else np.fmax(slopes_of_glint(posterior, request) - posterior, 0)
+        whole = slopes_of_glint(posterior, explained, request)
+        lacks = 0 * response if request.resolved else np.fmax(whole - posterior, 0)
         tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance, lacks)))
     return min(tried, key=lambda t: t[0])[1]
 
 
-def slopes_of_glint(slopes: Float64, request: FitRequest) -> Float64:
+def slopes_of_glint(slopes: Float64, explained: Float64, request: FitRequest) -> Float64:
     """Slopes that glint alone has, (band,), in visible bands; NaN in other bands.
 
     Fitted `slopes` (band,) are up to `COLOUR` too small in all bands where noise or delays hide a part of the glint.
     They are too large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both
-    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones.
+    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones. But it
+    is at most that of a regression of the NIR on the band: the slope divided by `explained`, (band,), the share of the
+    variance of each band that its prediction explains.
     """
     spectrum = min(spectra(request), key=lambda c: abs(np.log(np.median(slopes / c))))
     visible = [(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct]
     steep = slopes / spectrum
     alike = (steep[visible] > 1 - COLOUR).all()  # else more than noise and delays lessens the slopes
     wrong = (steep > 1 + COLOUR) | ((steep < 1) & alike)
-    return np.where(visible, np.where(wrong, spectrum, slopes), np.nan)
+    whole = np.minimum(spectrum, slopes / np.maximum(explained, np.finfo(np.float64).tiny))
+    return np.where(visible, np.where(wrong, whole, slopes), np.nan)
 
 
 def spectra(request: FitRequest) -> list[Float64]:

@@ -109,7 +109,8 @@ def fit(
     fitted = [[k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g)] for some in kinds]
     every = [k for some in fitted for k in some]
     response, covariance = joined(every, len(request.correct))
-    common = shared_glint(response, covariance, request)
+    loss = np.concatenate([k.loss for k in fitted[0]])[np.argsort(np.concatenate([k.bands for k in fitted[0]]))]
+    common = shared_glint(response, covariance, 1 - loss, request)
     variance = float(common.weights @ covariance @ common.weights)
     sure = not variance > 0 or float(common.weights @ response) / np.sqrt(variance) > SURE
     model = replace(_model(request, fitted, common), strips=strips if len(fitted) > 1 else None, warnings=notes)
@@ -322,7 +323,7 @@ def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitReques
     slopes = np.array([f.slope or 1.0 for f in model.fits])  # 1: a band without glint, which is not changed
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
     sample = _level_sample(model, slopes, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
-    of_glint = slopes_of_glint(slopes, request)
+    of_glint = slopes_of_glint(slopes, np.array([f.r2 for f in model.fits]), request)
     level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
     error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
     indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
