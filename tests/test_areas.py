@@ -11,7 +11,7 @@ from rasterio.transform import from_origin
 from rasterio.warp import transform_geom
 
 from deglint import open_scene
-from deglint.errors import InputError, ReadError
+from deglint.errors import InputError, NoWaterError, ReadError
 from deglint.readers.areas import open_area
 
 HEIGHT, WIDTH = 80, 100
@@ -262,6 +262,19 @@ def test_a_mask_of_the_whole_earth_holds_a_scene_on_either_side_of_180_degrees(s
 def test_a_mask_of_another_size_without_crs_is_refused(scene, write, tmp_path):
     path = write(tmp_path / "m.tif", mask_array()[:, 1:], crs=None)
     with pytest.raises(InputError, match="79 x 100 pixels, the scene 80 x 100"):
+        area_of(scene, path)
+
+
+def test_an_area_without_a_pixel_is_refused(scene, write, geojson, tmp_path):
+    speck = geojson(tmp_path / "speck.geojson", ring((5.6, 5.6), (5.6, 5.9), (5.9, 5.9)), crs="EPSG:32653")
+    for empty in (write(tmp_path / "m.tif", np.zeros_like(mask_array())), speck):
+        with pytest.raises(NoWaterError, match=r"--sample .*(m.tif|speck.geojson) selects no pixel of the scene"):
+            area_of(scene, empty)
+
+
+def test_a_mask_of_several_bands_is_refused(scene, write, tmp_path):
+    path = write(tmp_path / "m.tif", np.repeat(mask_array(), 3, axis=0))
+    with pytest.raises(InputError, match=r"--sample .*m.tif has 3 bands, not one"):
         area_of(scene, path)
 
 

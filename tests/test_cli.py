@@ -128,6 +128,8 @@ def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write
         (["--nodata", "nothing"], ["not a number"]),
         (["--threads", "0"], ["1<=x<=1024"]),
         (["--floor-percentile", "101"], ["0<=x<=100"]),
+        (["--mask", "watr"], ["'--mask'", "'watr' is not one of auto, none, nor a file"]),
+        (["--sample", "none"], ["'--sample'", "'none' is not one of auto, all, nor a file"]),
         (["--co", "ZSTD"], ["NAME=VALUE"]),
         (["--co", "=ZSTD"], ["NAME=VALUE"]),
         (["--frobnicate"], ["No such option"]),

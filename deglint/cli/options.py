@@ -4,6 +4,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, get_args
 
 import click
@@ -66,6 +67,13 @@ class FileName(click.Path):
         super().__init__(readable=False)
         self.name = "file"  # in capitals the usual metavar
         self._words, self._presets = words, presets
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The name as it stands; a usage error for what is no file, but may be one of the words, spelled wrong."""
+        words = self._words if "FILE" in str(param and param.metavar) else ()
+        if words and value.isalpha() and value not in words and not Path(value).exists():
+            self.fail(f"{value!r} is not one of {', '.join(words)}, nor a file that is there.", param, ctx)
+        return super().convert(value, param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Completions of the text `incomplete`: words of this type and sensor presets, then file names."""

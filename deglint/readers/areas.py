@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 from affine import Affine
 
-from ..errors import InputError
+from ..errors import InputError, NoWaterError
 from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
+from ..tiles import tiles
 from .grid import at, nearest_on, overlap, same_grid
 from .text import read_json
 
@@ -82,7 +83,8 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that a user gives as `text`: the name of a GeoJSON file or mask raster (0: outside), or a window.
 
     A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of the option,
-    for messages. Raises ReadError if a file cannot be read, InputError if `text` is not valid or is not on the scene.
+    for messages. Raises ReadError if a file cannot be read, InputError if `text` is not valid or lies off the scene,
+    NoWaterError if it selects no pixel.
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -97,7 +99,7 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
     elif Path(text).suffix.lower() in (".geojson", ".json"):
         area, remedy = polygons(read_json(text, option), scene, text), "Check the CRS, or draw it anew."
     else:
-        return _raster_area(text, scene, option)
+        area, remedy = _raster_area(text, scene, option), ""
     (top, bottom), (left, right) = area.bounds
     rows, columns = (max(top, 0), min(bottom, scene.height)), (max(left, 0), min(right, scene.width))
     if rows[0] >= rows[1] or columns[0] >= columns[1]:
@@ -105,6 +107,8 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
             f"{option} {text} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the "
             f"scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
+    if not any(area.read(tile.window).any() for tile in tiles(scene.height, scene.width, (2048, 2048))):
+        raise NoWaterError(f"{option} {text} selects no pixel of the scene. Give an area with pixels, or leave it out.")
     return replace(area, bounds=(rows, columns))
 
 
@@ -209,6 +213,8 @@ def crs_of(document: Mapping[str, Any], name: str) -> Any:
 
 def _raster_area(path: str, scene: Scene, option: str) -> Area:
     info = describe_file(path)
+    if info.count > 1:
+        raise InputError(f"{option} {path} has {info.count} bands, not one. Save one: gdal_translate -b 1 IN OUT.tif")
     apart = info.crs is None or scene.crs is None
     if apart and (info.height, info.width) == (scene.height, scene.width):
         info = replace(info, transform=None)  # of the scene's size: it is assumed to be on the scene's grid
