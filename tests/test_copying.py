@@ -51,6 +51,15 @@ def test_pixels_are_copied(calm, tmp_path, options):
     assert any("Nothing was corrected" in w for w in said["warnings"])
 
 
+def test_log_and_picture_say_that_nothing_was_corrected(calm, tmp_path, caplog, monkeypatch):
+    titles = []
+    monkeypatch.setattr("cv2.putText", lambda _image, title, *_: titles.append(title))
+    with caplog.at_level("INFO", "deglint"):
+        remove_glint(calm(), tmp_path / "out.tif", CALM, picture=tmp_path / "p.png")
+    assert titles == ["before (red, green, blue)", "unchanged"]
+    assert "method: none, the scene is copied" in caplog.messages
+
+
 def test_amount_and_flags_are_zero_where_nothing_is_corrected(calm, read, tmp_path):
     source = calm()
     result = remove_glint(source, tmp_path / "out.tif", CALM, amount=tmp_path / "a.tif", flags=tmp_path / "f.tif")

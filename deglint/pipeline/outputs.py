@@ -21,6 +21,7 @@ from ..masks import WaterRule
 from ..raster import RasterSource
 from ..raster.output import plain
 from ..readers.grid import pixel_size
+from ..readers.products.drone import UNREGISTERED
 from ..readers.text import read_text
 from ..remove import GlintModel
 from ..scene import Scene
@@ -177,7 +178,7 @@ def log_water(rule: WaterRule | None, mask: str) -> list[str]:
 def log_model(model: GlintModel, notes: Sequence[str]) -> None:
     """Log the method, its bands, and its warnings; at level DEBUG also `notes`, and the model."""
     bands = ", ".join(f.name for f in model.fits)
-    log.info("method: %s%s", model.method, f"; bands to correct: {bands}" if bands else "")
+    log.info("method: %s", f"{model.method}; bands to correct: {bands}" if bands else "none, the scene is copied")
     why([*notes, *str(replace(model, warnings=())).splitlines()[1:]])
     for warning in model.warnings:
         log.warning("%s", warning)
@@ -223,7 +224,7 @@ def sidecar(
             "clipped": by_band("clipped"),
         },
         "notes": [*scene.notes, *fitted.notes],
-        "warnings": [*fitted.model.warnings, *_losses(scene.names, tally)],
+        "warnings": [*fitted.model.warnings, *_doubts(scene, tally)],
         "seconds": round(seconds, 3),
     }
 
@@ -263,11 +264,11 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), "numpy": np.__version__} | gdal
 
 
-def _losses(names: Sequence[str], tally: PixelCounts) -> list[str]:
-    """Warnings, with numbers of pixels per band: pixels below zero, or clipped to the integer range of the output."""
-    said = []
+def _doubts(scene: Scene, tally: PixelCounts) -> list[str]:
+    """Warnings: bands that are not registered; numbers of pixels per band below zero, or clipped to integers."""
+    said = [note for note in scene.notes if note == UNREGISTERED]
     for kind, what in (("negative", "below zero after correction"), ("clipped", "clipped to the integer range")):
-        if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, names).items() if n):
+        if bands := ", ".join(f"{name} {n}" for name, n in tally.by_band(kind, scene.names).items() if n):
             said.append(f"pixels {what} (of {tally.corrected} corrected): {bands}")
     return said
 

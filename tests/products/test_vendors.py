@@ -10,6 +10,7 @@ import rasterio
 from PIL import Image
 
 import deglint
+from deglint import Recipe, remove_glint
 from deglint.errors import InputError, ReadError
 from deglint.pipeline.outputs import log_scene
 from deglint.readers.products.drone import _black_level
@@ -212,6 +213,13 @@ def test_the_black_level_is_read_in_archives_too(tmp_path, monkeypatch, kind):
     shutil.make_archive("capture", kind, "all")
     for path in ("all", f"/vsi{kind}/capture.{kind}", f"/vsi{kind}/{tmp_path}/capture.{kind}"):
         assert _black_level(f"{path}/IMG/IMG_0192_1.tif") == 4900
+
+
+def test_bands_that_are_not_registered_are_a_warning(vendor, sea, tmp_path, caplog):
+    source, recipe = vendor.micasense(tmp_path, sea()), Recipe(method="hedley", sample="all", mask="none")
+    (warning,) = [w for w in remove_glint(source, tmp_path / "out.tif", recipe).warnings if "registered" in w]
+    assert warning.startswith("the bands are assumed not to be registered to each other")
+    assert warning in [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
 
 
 def test_what_is_no_capture_is_not_corrected(vendor, sea, tmp_path):
