@@ -116,7 +116,12 @@ def test_a_wrong_command_is_answered_with_the_right_ones(deglint, arguments, sai
 
 def test_an_output_has_the_ending_of_what_it_holds(deglint, rxdetect, sea, write, tmp_path):
     source = write(tmp_path / "in.tif", sea())
-    for option, name, right in (("--picture", "p.jpg", "p.png"), ("--flags", "flags.png", "flags.tif")):
+    for option, name, right in (
+        ("--picture", "p.jpg", "p.png"),
+        ("--flags", "flags.png", "flags.tif"),
+        ("--save-sample", "s.shp", "s.geojson"),
+        ("--save-model", "m.tif", "m.json"),
+    ):
         for dry in ((), ("--dry-run",)):
             ran = deglint("remove", source, tmp_path / "out.tif", *PLAIN, option, tmp_path / name, *dry)
             assert (ran.code, f"Name it {right}." in ran.err) == (1, True), ran.err

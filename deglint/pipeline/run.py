@@ -134,6 +134,8 @@ def check_outputs(source: Any, recipe: Recipe, sensor: str | Path | None, target
     check_targets(targets.every(), reads, overwrite=targets.overwrite)
     check_images(targets.image, targets.flags, targets.amount, targets.stderr)
     check_ending(targets.picture, "a PNG", ".png")
+    check_ending(targets.sample, "GeoJSON", ".geojson", ".json")
+    check_ending(targets.model, "JSON", ".json")
     return files
 
 
