@@ -162,7 +162,7 @@ def test_unknown_commands_and_missing_arguments_are_usage(deglint):
         (["--nir", "swir9"], "1 blue (485 nm)"),
         (["--nir", "9"], "numbers 1-4"),
         (["-b", "purple"], "4 nir (840 nm)"),
-        (["-b", "nir"], "every band asked for is a NIR reference"),
+        (["-b", "nir"], "no band but the NIR is left to correct"),
         (["--nodata", "-1"], "0 to 65535"),
         (["--nodata", "nan"], "0 to 65535"),
         (["--sample", "none.geojson"], "no such file: none.geojson (--sample)"),

@@ -123,9 +123,12 @@ def test_damage_in_the_middle_of_a_compressed_file(refused, sea, write, tmp_path
 
 
 def test_one_band(refused, sea, write, tmp_path):
-    assert "no near-infrared band" in refused(write(tmp_path / "in.tif", sea()[:1]))
+    for names in (["blue"], None):
+        said = refused(write(tmp_path / "in.tif", sea()[:1], names=names))
+        assert "no near-infrared band" in said
+        assert "stack a NIR band of the same image with it" in said
     said = refused(write(tmp_path / "b.tif", sea()[3:], names=["nir"]))
-    assert "no band is left to correct" in said
+    assert "no band but the NIR is left to correct: ask for others (-b), or stack others with it." in said
 
 
 def test_no_nir_lists_the_bands_and_the_option(refused, sea, write, tmp_path):
@@ -218,8 +221,8 @@ def test_outputs_that_cannot_be_written(deglint, sea, write, tmp_path, monkeypat
         return ran.err
 
     assert "is a directory" in said(tmp_path)
+    assert "in.tif is a file, not a directory. Choose another place" in said(tmp_path / "in.tif" / "new" / "o.tif")
     assert "does not exist. Make it first" in said(tmp_path / "nowhere" / "out.tif")
-    assert "does not exist" in said(tmp_path / "in.tif" / "out.tif")
     assert "outputs are local files" in said("/vsimem/out.tif")
     assert "outputs are local files" in said("s3://bucket/out.tif")
     assert "two outputs have the same name" in said(tmp_path / "o.tif", "--flags", tmp_path / "o.tif")

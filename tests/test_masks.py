@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -252,6 +253,7 @@ def test_rules_are_plain_numbers(coast):
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
     assert "looked at are water" in rule.reason
+    assert replace(rule, window=7).reason.endswith(". If it is glint: deglint remove --mask none")
 
 
 # ------------------------------------------------------------------------------------------ hard inputs

@@ -83,6 +83,13 @@ def test_a_scene_on_a_server_is_a_scene(deglint, sea, write, read, tmp_path, ser
     np.testing.assert_array_equal(read(tmp_path / "web.tif"), read(tmp_path / "file.tif"))
 
 
+def test_a_store_that_wants_credentials_says_how_to_do_without(monkeypatch):
+    said = "AWS_SECRET_ACCESS_KEY and AWS_NO_SIGN_REQUEST configuration options not defined"
+    monkeypatch.setattr("rasterio.open", lambda *_, **__: (_ for _ in ()).throw(OSError(said)))
+    with pytest.raises(ReadError, match=r"Give credentials; or set AWS_NO_SIGN_REQUEST=YES, if it is public\.$"):
+        open_scene("s3://bucket/x.tif")
+
+
 def test_a_stac_item_on_a_server_is_a_scene(sea, write, tmp_path, serve):
     (tmp_path / "items").mkdir()
     assets = {}

@@ -125,8 +125,8 @@ def make_request(scene: Scene, recipe: Recipe) -> tuple[FitRequest, str]:
         names = " and ".join(scene.bands[b].name for b in nir)
         note = f"NIR is {names}, each for the bands taken at the same time (--nir-use mean to average)"
     correct = [find_band(scene, b) for b in recipe.bands] or None
-    if correct and set(correct) <= set(nir):
-        raise InputError("every band asked for is a NIR reference; name bands to correct with -b.")
+    if set(correct or range(len(scene.bands))) <= set(nir):
+        raise InputError("no band but the NIR is left to correct: ask for others (-b), or stack others with it.")
     same = {"floor_percentile": recipe.floor_percentile, "rrs_factor": recipe.rrs_factor}
     return nir_request(scene.bands, nir, use=use, correct=correct, **same), note
 

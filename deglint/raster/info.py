@@ -130,6 +130,8 @@ def _why_not_opened(path: str, error: Exception) -> str:
         return f"no such file: {path}. Check the name (GDAL names such as /vsizip/ and zip:// will do)."
     if "not recognized as being in a supported file format" in said or "Permission denied" in said:
         return f"{path} is not a raster GDAL can read: it {_what_instead(path)}."
+    if "AWS_NO_SIGN_REQUEST" in said:
+        return f"cannot open {path}: {said}. Give credentials; or set AWS_NO_SIGN_REQUEST=YES, if it is public."
     if re.search(r"codec|not supported|unsupported|plugin|not available|no driver", said, re.IGNORECASE):
         return f"cannot open {path}: {said}. Convert it to GeoTIFF where it can be read: gdal_translate IN OUT.tif"
     return f"cannot open {path}: {said}. {remedy(path)}"
