@@ -128,6 +128,8 @@ def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write
         (["--nodata", "nothing"], ["not a number"]),
         (["--threads", "0"], ["1<=x<=1024"]),
         (["--floor-percentile", "101"], ["0<=x<=100"]),
+        (["--floor-percentile", "5%"], ["'5%' is not a valid number from 0 to 100, such as 5."]),
+        (["--method", "headley"], ["'nir-subtraction'; did you mean 'hedley'?"]),
         (["--mask", "watr"], ["'--mask'", "'watr' is not one of auto, none, nor a file"]),
         (["--sample", "none"], ["'--sample'", "'none' is not one of auto, all, nor a file"]),
         (["--co", "ZSTD"], ["NAME=VALUE"]),
@@ -145,6 +147,26 @@ def test_usage_is_2_and_lists_the_choices(deglint, sea, write, tmp_path, argumen
     assert ran.out == ""
     assert all(word in ran.err for word in said), ran.err
     assert "Traceback" not in ran.err
+
+
+@pytest.mark.parametrize("name", ["plan", "simulate", "remove"])
+def test_help_spells_defaults_in_one_way(deglint, name):
+    said = " ".join(deglint(name, "--help").out.split())
+    assert "[default: " in said
+    assert " by default" not in said
+
+
+def test_choices_are_taken_in_capitals_too(deglint, sea, write, tmp_path):
+    source, out = write(tmp_path / "in.tif", sea()), tmp_path / "out.tif"
+    ran = deglint("remove", source, out, "--method", "Hedley", "--sample", "all", "--mask", "none")
+    assert ran.code == 0, ran.err
+    assert json.loads((tmp_path / "out.tif.json").read_text())["model"]["method"] == "hedley"
+
+
+def test_simulate_takes_a_sensor_by_the_option_of_plan(deglint, tmp_path):
+    call = "simulate", tmp_path / "s", "--dry-run", "--json"
+    assert deglint(*call, "--sensor", "micasense") == deglint(*call, "--preset", "micasense")
+    assert deglint(*call, "--sensor", "micasense").code == 0
 
 
 def test_unknown_commands_and_missing_arguments_are_usage(deglint):

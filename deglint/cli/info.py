@@ -60,9 +60,8 @@ def lines(found: dict[str, Any]) -> list[str]:
         fitted = "" if slope is None else f"{slope:.4f}"
         out.append(f"{i:<6}{band['name']:<14}{wave:>12}{offset:>10}{shared:>14}{fitted:>10}")
     out.append("")
-    for key, text in (("valid_fraction", "valid"), ("water_fraction", "water")):
-        if found[key] is not None:
-            out.append(f"{text:<18}{found[key]:.1%}")
+    shares = (("valid", found["valid_fraction"]), ("water", found["water_fraction"]))
+    out += [f"{text:<18}{share:.1%}" for text, share in shares if share is not None]
     if found["glint_level"] is not None:
         out.append(f"{'glint level':<18}{found['glint_level']:.4g} (median glint of the sample, unit of the NIR)")
     out.append(f"{'suggested recipe':<18}{found['suggested_method'] or 'none'}: {found['reason']}")

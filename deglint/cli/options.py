@@ -10,6 +10,7 @@ from typing import Any, get_args
 import click
 from click.shell_completion import CompletionItem
 
+from ..checks import nearest
 from .running import BoldContext
 
 log = logging.getLogger(__name__)
@@ -47,13 +48,18 @@ class ChoiceFromTable(click.Choice[str]):
     """Type of option values: `words`, and those of `table` (dict, tuple, Literal) in `module`, imported when needed."""
 
     def __init__(self, table: str, module: str, *words: str) -> None:
-        self._table, self._module, self._words, self.case_sensitive = table, module, words, True
+        self._table, self._module, self._words, self.case_sensitive = table, module, words, False
 
     @property
     def choices(self) -> tuple[str, ...]:  # type: ignore[override]
         """All allowed values of the option."""
         table = getattr(import_module(self._module), self._table)
         return (*self._words, *(get_args(table) or table))
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """The usual message, and the choice that is similar to `value`, if any."""
+        said = super().get_invalid_choice_message(value, ctx).rstrip(".")
+        return said + (nearest(str(value), list(self.choices)) or ".")
 
 
 SENSOR_CHOICE = ChoiceFromTable("PRESETS", "deglint.physics.presets")

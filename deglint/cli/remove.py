@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from ..pipeline import Outputs, Recipe
     from ..scene import Scene
 
-
 METHOD = ChoiceFromTable("METHODS", "deglint.remove", "auto")
 REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
-NIR_USE = click.Choice(["auto", "mean", "best", "set"])
 DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"])
 PERCENT = click.FloatRange(0, 100)
+PERCENT.name = "number from 0 to 100, such as 5"  # in the message: "5%" is not a valid ...
 KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"
 HELP = {
     "--method": "How to remove glint; auto: the candidate with the least expected error on sample tiles.",
@@ -41,7 +40,7 @@ HELP = {
     "--regression": "How slopes are fitted; auto: detrended for an automatic sample, else ols.",
     "--floor-percentile": "For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum.",
     "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
-    "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance.",
+    "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance; pi for reflectance.",
     "--grid": "Of several files, the one whose grid to use.",
     "--flags": "Write a raster of flags: 1 nodata, 2 not water, 4 corrected, 8 negative after, 16 saturated before, 32 "
     "clipped, 64 replaced, 128 protected. Second band: class of sun glint (CEOS-ARD), 1 negligible, 2 correctable, 3 "
@@ -68,10 +67,8 @@ HELP = {
 @heading("Details of the fit")
 @click.option("--regression", type=REGRESSION, default="auto", help=HELP["--regression"])
 @click.option("--floor-percentile", type=PERCENT, default=0.0, metavar="PERCENT", help=HELP["--floor-percentile"])
-@click.option("--nir-use", type=NIR_USE, default="auto", help=HELP["--nir-use"])
-@click.option(
-    "--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi, for reflectance", help=HELP["--rrs-factor"]
-)
+@click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto", help=HELP["--nir-use"])
+@click.option("--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi", help=HELP["--rrs-factor"])
 @heading("Input")
 @click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"])
 @options.reading
@@ -159,11 +156,10 @@ def dry_run(
         fitted, work = prepare(scene, recipe, targets, run, *saved)
     used = recipe if given["model_in"] else fitted.recipe
     took, pixels = time.perf_counter() - run.begun, scene.height * scene.width
-    amount = 4 * pixels * len(work.amount_bands)  # float32
     data = read_bytes(scene)
     image = data if given["dtype"] is None else pixels * len(scene.bands) * np.dtype(given["dtype"]).itemsize
     per_file: dict[Path | None, int] = {targets.image: image, targets.flags: 2 * pixels}
-    per_file |= dict.fromkeys((targets.amount, targets.stderr), amount)
+    per_file |= dict.fromkeys((targets.amount, targets.stderr), 4 * pixels * len(work.amount_bands))  # float32
     # size of the pixels in each file [byte]; None for a file without pixels
     files = {str(path): per_file.get(path) for path in targets.every()}
     nir = [scene.names[b] for b in fitted.model.index_bands]

@@ -10,6 +10,9 @@ import click
 from deglint.cli import options
 from deglint.cli.running import Console
 
+SHARE = click.FloatRange(0, 1, min_open=True, max_open=True)
+SHARE.name = "share between 0 and 1, such as 1e-4"  # in the message: "5%" is not a valid ...
+
 
 def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
     """Make a click callback that parses "A,B", two numbers of type `kind`; errors show `name` and `example`."""
@@ -57,7 +60,7 @@ def pair(kind: type, name: str, example: str) -> Callable[..., Any]:
               help="Where to score: everywhere, on water as found in the scene, or in a raster (not 0) or GeoJSON. "
               "What lies outside is in no background either; for sea the holes of ships are filled. auto: water for "
               "sea, else everywhere.")
-@click.option("--pfa", type=click.FloatRange(0, 1, min_open=True, max_open=True), metavar="RATE",
+@click.option("--pfa", type=SHARE, metavar="RATE",
               help="False alarms wanted per pixel, such as 1e-4: find the threshold for it.")
 @click.option("--threshold", type=options.ChoiceFromTable("THRESHOLDS", "detect.threshold"), default="gpd",
               help="How the threshold is found: a law fitted to the highest scores (gpd), their own quantile "
