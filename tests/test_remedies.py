@@ -125,6 +125,7 @@ def test_too_small_is_3_and_the_remedies_work(sea, write, deglint, tmp_path):
     assert deglint("remove", large, out, *HEDLEY, "--save-model", model).code == 0
     assert deglint("remove", small, out, "--overwrite", "--model", model).code == 0
     assert deglint("remove", small, out, *HEDLEY, "--sample", "all").code == 0
+    assert "hedley" not in deglint("remove", write(tmp_path / "tiny.tif", sea(3, 3)), out, "--overwrite").err
 
 
 @pytest.mark.parametrize(("side", "code"), [(12, 3), (16, 1)])

@@ -86,7 +86,12 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE)
 @heading("What is excluded")
 @setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight.  [default: 1e-3]")
-@setting("--max-glint-probability", "limits.glint_probability", "SHARE", "Most sea mirroring the sun.  [default: any]")
+@setting(
+    "--max-glint-probability",
+    "limits.glint_probability",
+    "SHARE",
+    "Largest share of sea mirroring the sun.  [default: any]",
+)
 @setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun.  [default: its disk]")
 @setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky.  [default: 2]")
 @setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea.  [default: 0.1]")

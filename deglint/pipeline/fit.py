@@ -15,6 +15,7 @@ from ..raster.environment import environment
 from ..readers.roles import find_band
 from ..readers.undeclared import Undeclared, undeclared
 from ..remove import METHODS, GlintModel
+from ..remove.request import MIN_PIXELS
 from ..scene import Scene
 from .outputs import log, log_model, log_scene, log_water, why
 from .overview import Job, Progress, overview_of, overviews, sampler_of
@@ -119,10 +120,11 @@ def _fit_overviews(
     fit to a larger part; the last part is the whole scene.
     """
     log_scene(scene)
-    if recipe.sample == "auto" and scene.height * scene.width < SMALLEST_SCENE:
+    if recipe.sample == "auto" and (pixels := scene.height * scene.width) < SMALLEST_SCENE:
+        hedley = ", or take --method hedley --sample all" if pixels >= MIN_PIXELS else ""
         raise NoWaterError(
             f"{scene.path}: {scene.height} x {scene.width} pixels are too few to fit to, want {SMALLEST_SCENE}. "
-            "Give a larger piece, apply a model of one (--model), or take --method hedley --sample all."
+            f"Give a larger piece, apply a model of one (--model){hedley}."
         )
     request, of_nir = make_request(scene, recipe)
     said, *doubts = of_nir.split("; warning: ", 1)

@@ -25,7 +25,9 @@ from .info import REMOTE_NAME, gdal_errors, one_line, open_dataset
 COMPANIONS = (".aux.xml", ".msk", ".ovr")  # endings of files beside a raster that GDAL reads with it
 _GDAL_PREFIX = re.compile(r"^(/?vsi\w+/)+|^[\w+]+://", re.IGNORECASE)
 _PLAIN_TEXT = (".json", ".geojson", ".toml", ".csv")
-OTHER_FORMATS = ".bmp .dat .gif .h5 .hdf .img .jp2 .jpeg .jpg .nc .png .vrt .webp .zarr"  # a GeoTIFF should have none
+OTHER_FORMATS = frozenset(  # endings that a GeoTIFF should not have
+    (".bmp", ".dat", ".gif", ".h5", ".hdf", ".img", ".jp2", ".jpeg", ".jpg", ".nc", ".png", ".vrt", ".webp", ".zarr")
+)
 Reads = Mapping[str, Iterable[str | Path]]  # names of input files, by their role: "the input", "--mask"
 DISK_FULL = "the disk or a quota is full, or files may not grow so large (ulimit -f)"
 
@@ -148,7 +150,7 @@ def check_target(path: Path, *, overwrite: bool = False) -> None:
 def check_images(*paths: Path | None) -> None:
     """Raise WriteError if the name of a GeoTIFF has the ending of another format, such as .png; None is skipped."""
     for path in paths:
-        if path is not None and path.suffix.lower() in (*OTHER_FORMATS.split(), *_PLAIN_TEXT):
+        if path is not None and path.suffix.lower() in (*OTHER_FORMATS, *_PLAIN_TEXT):
             check_ending(path, "a GeoTIFF", ".tif")
 
 

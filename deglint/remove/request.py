@@ -42,7 +42,10 @@ class FitRequest:
         check_number(self.floor_percentile, 0, 100, "floor_percentile")
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
         if not self.correct:
-            raise InputError("no band is left to correct: give -b bands other than the NIR reference.")
+            raise InputError(
+                "no band is left to correct: none is of shorter wavelength than the NIR. Name the bands in their order "
+                "(--bands), or say which to correct (-b)."
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
