@@ -189,6 +189,12 @@ def test_bands_and_wavelengths_name_a_file_without_metadata(tmp_path, write, sea
     assert find_nir(both) == (3,)
 
 
+def test_one_band_alone_needs_another_not_a_name(deglint, tmp_path, write):
+    said = deglint("info", write(tmp_path / "a.tif", np.ones((1, 20, 20), np.uint16), names=())).out
+    assert "stack a NIR band" in said
+    assert "--bands" not in said
+
+
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8, 10, 13])
 def test_the_message_that_no_band_is_named_is_followed_to_a_result(deglint, tmp_path, write, count):
     import re
