@@ -250,10 +250,7 @@ def _limits(
     power: Float64, runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
 ) -> tuple[Float64, Float64]:
     """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
-    partner_of, clear, images = partners(setting, unit), list[Mask](), {c.name: r.images for c, r in runs.items()}
-    if "wiener" in images:  # the pixels from which it removes the least
-        glint = [raw - without for raw, without in zip(images["copy"], images["wiener"], strict=True)]
-        clear = least_glint(glint, inside)
+    partner_of, clear = partners(setting, unit), _clear(runs, inside)
     shared = np.array([powers(r.images, inside, unit, (), partner_of) for r in runs.values()]) if partner_of else power
     return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
 
@@ -292,24 +289,13 @@ def _run(
 
 
 def _check(fitted: FittedChain, fine: Float32 | None) -> None:
-    """Raise FitError if a fitted candidate changes nothing, removes mirrored sky, or has a posterior mean that cannot
-    tell residual glint from water. Mirrored sky varies little, and symmetrically about its median.
-
-    fine : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated. None: what is
-        removed is not tested for mirrored sky
+    """Raise FitError if a fitted candidate changes nothing, removes mirrored sky (see `_refuse_sky` with `fine` as
+    unit; None: not tested), or has a posterior mean that cannot tell residual glint from water.
     """
     if not fitted.model.fits and not fitted.chain.replaces:
         raise FitError(next(iter(fitted.model.warnings), "the removal changes no band"))
     if fine is not None and not fitted.chain.replaces:
-        states, bands = fitted.sample.states, np.isfinite(fine).sum()
-        planes = [np.sum(s.removed / fine[:, None, None], axis=0) for s in states if s.removed is not None]
-        taken = fitted.sample.values(planes) / bands
-        share, deviation = even_share(taken), float(np.std(taken))
-        if share > EVEN and deviation < MIRRORED:
-            raise FitError(
-                f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, "
-                f"and {min(share, 1):.0%} of its variance is symmetric about its median"
-            )
+        _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
 
@@ -355,6 +341,30 @@ def _without_targets(sample: Sample, runs: Sequence[_Run]) -> tuple[Mask, ...]:
             if found is not None:
                 inside[n] = inside[n] & ~grown(np.any(found > 0, axis=0), 2 * NOT_JUDGED + 1)
     return tuple(inside)
+
+
+def _clear(runs: dict[Candidate, _Run], inside: Sequence[Mask]) -> list[Mask]:
+    """Masks of the pixels from which candidate `wiener` removes the least, see `least_glint`; [] if it was not run."""
+    by_name = {c.name: r.images for c, r in runs.items()}
+    if not {"copy", "wiener"} <= by_name.keys():
+        return []
+    glint = [raw - without for raw, without in zip(by_name["copy"], by_name["wiener"], strict=True)]
+    return least_glint(glint, inside)
+
+
+def _refuse_sky(fitted: FittedChain, unit: Float32) -> None:
+    """Raise FitError if what a removal removes is mirrored sky: it varies little, and symmetrically about its median.
+
+    unit : (band,) brightness of the water [unit of the band]; infinite for bands that are not evaluated
+    """
+    planes = [np.sum(s.removed / unit[:, None, None], axis=0) for s in fitted.sample.states if s.removed is not None]
+    taken = fitted.sample.values(planes) / np.isfinite(unit).sum()
+    share, deviation = even_share(taken), float(np.std(taken))
+    if share > EVEN and deviation < MIRRORED:
+        raise FitError(
+            f"what it would remove is like mirrored sky: its standard deviation is {deviation:.1%} of the water, and "
+            f"{min(share, 1):.0%} of its variance is symmetric about its median"
+        )
 
 
 def _levels(sample: Sample, bands: int) -> Float32:
