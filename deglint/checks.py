@@ -100,7 +100,7 @@ def check_number(value: Any, low: float, high: float, name: str) -> None:
 
 
 def from_plain(kind: Any, value: Any) -> Any:
-    """Convert a JSON value to the type `kind`: objects to dataclasses, lists to tuples; unknown keys are ignored.
+    """Convert a plain value to the type `kind`: dicts to dataclasses, lists to tuples; unknown keys are ignored.
 
     Raises TypeError or ValueError if the value cannot be converted, or if a required field is missing.
     """

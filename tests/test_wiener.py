@@ -108,6 +108,9 @@ def test_a_band_that_is_darker_under_glint_has_the_slope_0_and_is_not_changed():
     assert model.fits[1].slope == 0.0
     np.testing.assert_array_equal(clean[1], block[1])
     assert clean[0].std() < 0.1 * block[0].std()
+    alone = fitted(block, correct=[0, 2])
+    assert model.level_interval == pytest.approx(alone.level_interval, rel=1e-3)
+    assert [model.fits[k].slope for k in (0, 2)] == pytest.approx([f.slope for f in alone.fits], rel=1e-4)
 
 
 @pytest.mark.parametrize("factor", [1e-4, 1.0, 1e3])

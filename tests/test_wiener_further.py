@@ -41,7 +41,7 @@ def test_a_red_edge_band_serves_over_deep_water_and_not_over_a_bottom_that_it_se
 
 def test_a_red_edge_band_does_not_serve_over_a_bottom_that_is_weaker_than_its_noise():
     noise = 5 * np.random.default_rng(9).normal(size=(4, 192, 192)).astype(np.float32)
-    block, water = sparkle_over_bottom(bottom=50.0)
+    block, water = sparkle_over_bottom(bottom=40.0)
     request, tiles = parts(block + noise)
     request = replace(request, faint=True)
     without, more = (wiener.fit(replace(request, more=m), tiles) for m in ((), (2,)))

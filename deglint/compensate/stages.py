@@ -220,5 +220,7 @@ def chain_from(data: Mapping[str, Any]) -> Chain:
 
 
 def _with_infinity(value: Any) -> Any:
-    """A copy of a list, in which None becomes infinity; any other value as it is."""
-    return [np.inf if v is None else v for v in value] if isinstance(value, list) else value
+    """A copy of a value in which None as an item of a list becomes infinity, also nested."""
+    if isinstance(value, dict):
+        return {k: _with_infinity(v) for k, v in value.items()}
+    return [np.inf if v is None else _with_infinity(v) for v in value] if isinstance(value, (list, tuple)) else value

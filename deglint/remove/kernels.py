@@ -247,24 +247,27 @@ def _response(grams: LagGrams, gram: Float64, support: tuple[int, ...], outputs:
     return out
 
 
-def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64]:
-    r"""Responses s of `bands` bands, (band,), in fits `found`; covariance V, (band, band), by jackknife over G groups.
+def joined(found: Sequence[KernelFit], bands: int) -> tuple[Float64, Float64, Float64]:
+    r"""Responses s of `bands` bands, (band,), in fits `found`; covariance V, (band, band), by jackknife over G groups;
+    and their losses, (band,).
 
     .. math:: V = \frac{G - 1}{G} \sum_g (s_{-g} - \bar s)(s_{-g} - \bar s)^T
 
-    with s_{-g} the responses fitted without group g of squares. If a band is in several fits (kinds of strips), s is
-    their mean, weighted by pixels. With fewer than two groups, the standard error of a response is the response itself.
+    with s_{-g} the responses fitted without group g of squares. If a band is in several fits (kinds of strips), s and
+    the loss are their means, weighted by pixels. With fewer than two groups, the standard error of a response is the
+    response itself.
     """
     share = np.zeros(bands)
     for f in found:
         share[f.bands] += f.pixels
     groups = min((len(f.left_out) for f in found), default=0)
-    response, left_out = np.zeros(bands), np.zeros((groups, bands))
+    response, loss, left_out = np.zeros(bands), np.zeros(bands), np.zeros((groups, bands))
     for f in found:
         response[f.bands] += f.response * f.pixels / share[f.bands]
+        loss[f.bands] += f.loss * f.pixels / share[f.bands]
         if groups:
             left_out[:, f.bands] += f.left_out[:groups] * f.pixels / share[f.bands]
     if groups < 2:
-        return response, np.diag(response**2)
+        return response, np.diag(response**2), loss
     away = left_out - left_out.mean(axis=0)
-    return response, (groups - 1) / groups * away.T @ away
+    return response, (groups - 1) / groups * away.T @ away, loss

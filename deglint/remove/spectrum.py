@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..moments import Float64
+from ..moments import Float64, Mask
 from .request import FitRequest
 
 VISIBLE = 700.0  # wavelength up to which bands are visible [nm]
 COLOUR = 0.2  # relative uncertainty of the spectrum of glint: unknown aerosol changes blue relative to NIR by a fifth
+ROUNDING = 1e-6  # a slope below this share of the largest is rounding: the band shows no glint
 SUN_ZENITH = 40.0  # for the spectrum of glint [degree], which changes by less than `COLOUR` from 20 to 60
 
 
@@ -18,7 +19,12 @@ class CommonGlint(NamedTuple):
     weights: Float64  # (band,), which estimate the strength of glint from the bands
     response: Float64  # (band,): new responses of the bands
     covariance: Float64  # (band, band): of the responses that were fitted
-    hidden: Float64  # (band,): what the new responses lack of `slopes_of_glint`; 0 where waves are resolved
+    of_glint: Float64  # (band,): slopes of glint alone, as `slopes_of_glint` returns them
+
+    @property
+    def hidden(self) -> Float64:
+        """What the new responses lack of the slopes of glint, (band,); 0 where they lack nothing."""
+        return np.fmax(self.of_glint - self.response, 0)
 
 
 def shared_glint(response: Float64, covariance: Float64, explained: Float64, request: FitRequest) -> CommonGlint:
@@ -32,12 +38,13 @@ def shared_glint(response: Float64, covariance: Float64, explained: Float64, req
         s' = a c + P S^{-1} (s - a c)
 
     V (band, band) is the covariance of s. The spectrum c is that of glint in images of radiance or of reflectance,
-    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s. If waves are resolved, or with
-    "ols", no glint counts as hidden. `explained` is as in `slopes_of_glint`.
+    whichever has the smaller (s - a c)^T S^-1 (s - a c). With regression "ols", s' is s. `explained` is as in
+    `slopes_of_glint`.
     """
     tiny = 1e-12 * max(float(np.trace(covariance)), np.finfo(float).tiny) * np.eye(len(response))
     if request.regression == "ols":
-        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance, np.zeros_like(response))
+        of_glint = np.where(_visible(request), response, np.nan)
+        return CommonGlint(np.linalg.pinv(covariance + tiny) @ response, response, covariance, of_glint)
     tried = []
     for colour in spectra(request):
         size = float(np.median(response / colour))
@@ -47,29 +54,36 @@ def shared_glint(response: Float64, covariance: Float64, explained: Float64, req
             size = float(weights @ response / (weights @ colour))
         away = response - size * colour
         scaled = np.linalg.solve(covariance + prior + tiny, away)
-        posterior = np.asarray(size * colour + prior @ scaled, np.float64)
-        whole = slopes_of_glint(posterior, explained, request)
-        lacks = 0 * response if request.resolved else np.fmax(whole - posterior, 0)
-        tried.append((float(away @ scaled), CommonGlint(weights, posterior, covariance, lacks)))
-    return min(tried, key=lambda t: t[0])[1]
+        tried.append((float(away @ scaled), weights, np.asarray(size * colour + prior @ scaled, np.float64)))
+    _misfit, weights, posterior = min(tried, key=lambda t: t[0])
+    return CommonGlint(weights, posterior, covariance, slopes_of_glint(posterior, explained, request))
 
 
 def slopes_of_glint(slopes: Float64, explained: Float64, request: FitRequest) -> Float64:
-    """Slopes that glint alone has, (band,), in visible bands; NaN in other bands.
+    """Slopes that glint alone has, (band,), in visible bands; NaN in other bands, and where a slope is not positive.
 
     Fitted `slopes` (band,) are up to `COLOUR` too small in all bands where noise or delays hide a part of the glint.
     They are too large by more than `COLOUR` where foam, whose NIR is darker than that of glint, outshines it. In both
-    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted ones. But it
-    is at most that of a regression of the NIR on the band: the slope divided by `explained`, (band,), the share of the
-    variance of each band that its prediction explains.
+    cases the slope is that of the spectrum: of radiance or reflectance, whichever is nearer to the fitted slopes. But
+    it is at most that of a regression of the prediction on the band: the slope divided by `explained`, (band,), the
+    share of the variance of each band that its prediction explains; if that is not positive, there is no such limit.
     """
-    spectrum = min(spectra(request), key=lambda c: abs(np.log(np.median(slopes / c))))
-    visible = [(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct]
-    steep = slopes / spectrum
-    alike = (steep[visible] > 1 - COLOUR).all()  # else more than noise and delays lessens the slopes
-    wrong = (steep > 1 + COLOUR) | ((steep < 1) & alike)
-    whole = np.minimum(spectrum, slopes / np.maximum(explained, np.finfo(np.float64).tiny))
-    return np.where(visible, np.where(wrong, whole, slopes), np.nan)
+    out = np.full(len(slopes), np.nan)
+    used = _visible(request) & (slopes > ROUNDING * np.max(slopes))
+    if used.any():
+        fitted = slopes[used]
+        spectrum = min((c[used] for c in spectra(request)), key=lambda c: abs(np.log(np.median(fitted / c))))
+        steep = fitted / spectrum
+        alike = (steep > 1 - COLOUR).all()  # else more than noise and delays lessens the slopes
+        limit = fitted / np.maximum(explained[used], np.finfo(np.float64).tiny)
+        wrong = (steep > 1 + COLOUR) | ((steep < 1) & alike)
+        out[used] = np.where(wrong, np.minimum(spectrum, limit), fitted)
+    return out
+
+
+def _visible(request: FitRequest) -> Mask:
+    """Mask of the bands to correct, (band,), that are visible."""
+    return np.array([(request.bands[b].wavelength or np.inf) < VISIBLE for b in request.correct], np.bool_)
 
 
 def spectra(request: FitRequest) -> list[Float64]:

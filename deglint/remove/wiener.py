@@ -34,7 +34,7 @@ from .noise import faint_weight
 from .predict import predictions
 from .reference import FACTOR, OFTEN, QUARTILE, ReferenceRule, clean, fit_reference, open_squares
 from .request import FitRequest
-from .spectrum import CommonGlint, shared_glint, slopes_of_glint
+from .spectrum import ROUNDING, CommonGlint, shared_glint
 from .strips import LEAST_SQUARES_OF_KIND, Strips, find_kernels, second_is_better
 
 SquareKinds = Callable[["SampleTile"], tuple[npt.NDArray[np.int64], Mask]]
@@ -108,9 +108,10 @@ def fit(
     kinds = [grams] if strips is None else _by_strip(grams, strips)
     fitted = [[k for s, g in zip(sets, some, strict=True) for k in fit_kernels(s, g)] for some in kinds]
     every = [k for some in fitted for k in some]
-    response, covariance = joined(every, len(request.correct))
-    loss = np.concatenate([k.loss for k in fitted[0]])[np.argsort(np.concatenate([k.bands for k in fitted[0]]))]
+    response, covariance, loss = joined(every, len(request.correct))
     common = shared_glint(response, covariance, 1 - loss, request)
+    if request.resolved:  # some pixels have no glint, so that its mean is in the texture
+        common = common._replace(of_glint=np.minimum(common.of_glint, common.response))
     variance = float(common.weights @ covariance @ common.weights)
     sure = not variance > 0 or float(common.weights @ response) / np.sqrt(variance) > SURE
     model = replace(_model(request, fitted, common), strips=strips if len(fitted) > 1 else None, warnings=notes)
@@ -120,7 +121,7 @@ def fit(
         why = ": they share no glint" if sure else ", which is not significant"
         said = f"the NIR takes {max(1 - left, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
         return replace(model, fits=(), references=(), warnings=(*notes, said))
-    return _with_level(model, learnt, request)
+    return _with_level(model, common.of_glint, learnt, request)
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:
@@ -265,13 +266,14 @@ def _without_bottom(high: Sequence[Float64], inside: Sequence[Mask], references:
 
 def _model(request: FitRequest, fitted: Sequence[Sequence[KernelFit]], common: CommonGlint) -> GlintModel:
     """Make the model, with levels 0, from the kernels `fitted` for each kind of strip, changed to the new responses."""
-    # change of a band if its NIR rises by 1 everywhere
-    slopes = [float(s) if s > 0 else 0.0 for s in common.response + common.hidden]
+    whole = common.response + common.hidden  # change of a band if its NIR rises by 1 everywhere
+    slopes = [float(s) if s > ROUNDING * whole.max() else 0.0 for s in whole]
     indexes = [_indexes(some, common, [s or 1.0 for s in slopes]) for some in fitted]
     fits = {}
     for f in fitted[0]:
         for place, loss in zip(f.bands, f.loss, strict=True):
-            band, error = request.correct[place], float(np.sqrt(max(common.covariance[place, place], 0)))
+            band, hidden = request.correct[place], float(common.hidden[place])
+            error = float(np.hypot(np.sqrt(max(common.covariance[place, place], 0)), hidden))
             fits[place] = BandFit(band, request.names[band], place, slopes[place], error, float(1 - loss), f.pixels)
     second = indexes[1] if len(indexes) > 1 else ()
     return GlintModel("wiener", indexes[0], tuple(fits[p] for p in sorted(fits)), request.names, second=second)
@@ -298,18 +300,22 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _level_sample(model: GlintModel, slopes: Float64, learnt: Sequence[_Learnt], side: int) -> LevelSample:
-    """Values from which the levels are determined; `side`: width of the squares of its local means [pixel]."""
+def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], learnt: Sequence[_Learnt], side: int) -> LevelSample:
+    """Values from which the levels of `some` bands, indices (band,), are determined.
+
+    `side`: width of the squares of the local means [pixel]
+    """
     import cv2
 
+    slopes = np.array([f.slope for f in model.fits])[some]
     parts: list[tuple[npt.NDArray[Any], ...]] = []
     for tile in learnt:
         if tile.sample.any():
-            found = np.stack(list(predictions(tile.references, model, tile.origin)))
+            found = np.stack(list(predictions(tile.references, model, tile.origin)))[some]
             together = np.tensordot(slopes, found, 1)
             mean = np.asarray(cv2.blur(together, (AVERAGED, AVERAGED)))
             binomial = np.asarray(cv2.GaussianBlur(together, (AVERAGED, AVERAGED), 0))  # weights 1 2 1
-            bands = np.stack(tile.bands)
+            bands = np.stack(tile.bands)[some]
             weight = np.maximum(box_sum(tile.sample.astype(np.float64), side), 1.0)
             excess = np.where(tile.sample, found - bands / slopes[:, None, None], 0.0)
             local = np.stack([box_sum(e, side) for e in excess]) / weight
@@ -318,21 +324,24 @@ def _level_sample(model: GlintModel, slopes: Float64, learnt: Sequence[_Learnt],
     return LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
 
 
-def _with_level(model: GlintModel, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
+def _with_level(model: GlintModel, of_glint: Float64, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
     """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
-    slopes = np.array([f.slope or 1.0 for f in model.fits])  # 1: a band without glint, which is not changed
+    every = np.array([f.slope for f in model.fits])
+    some = np.flatnonzero(every)  # bands without glint are not changed
+    slopes, of_glint = every[some], of_glint[some]
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
-    sample = _level_sample(model, slopes, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
-    of_glint = slopes_of_glint(slopes, np.array([f.r2 for f in model.fits]), request)
+    sample = _level_sample(model, some, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
     level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
     error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
-    indexes = tuple(replace(i, level=float(at)) for i, at in zip(model.indexes, level, strict=True))
-    second = tuple(replace(i, level=float(at)) for i, at in zip(model.second, level, strict=False))
-    green = min(range(len(slopes)), key=lambda k: abs((request.bands[request.correct[k]].wavelength or 560.0) - 560.0))
-    above = np.maximum(sample.prediction[green] - indexes[green].level, 0)
+    waves = [request.bands[request.correct[k]].wavelength or 560.0 for k in some]
+    green = min(range(len(some)), key=lambda k: abs(waves[k] - 560.0))
+    above = np.maximum(sample.prediction[green] - level[green], 0)
     warnings = *model.warnings, *_sheet_warning(interval, float(np.median(sample.value[green] - slopes[green] * above)))
-    least = [None for _ in slopes] if request.faint else floors(sample, slopes, level)  # a posterior mean follows
-    fits = tuple(replace(f, floor=at) for f, at in zip(model.fits, least, strict=True))
+    least = {} if request.faint else dict(zip(some.tolist(), floors(sample, slopes, level), strict=True))
+    levels = dict(zip(some.tolist(), level.tolist(), strict=True))
+    indexes = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.indexes))
+    second = tuple(replace(i, level=levels.get(k, 0.0)) for k, i in enumerate(model.second))
+    fits = tuple(replace(f, floor=least.get(k)) for k, f in enumerate(model.fits))  # none if a posterior mean follows
     model = replace(model, indexes=indexes, fits=fits, second=second, warnings=warnings)
     return replace(model, level_interval=interval, level_stderr=error)
 
