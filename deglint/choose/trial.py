@@ -223,9 +223,7 @@ def _judged(
         responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
         power = tuple(powers(plain.images, inside, unit).tolist())
         trials.append(Trial(c, power, gains(responses, added, inside, unit)))
-    left, colour = np.array([t.power for t in trials]), setting.colour / setting.colour[setting.nir[0]]
-    # glint over that in the NIR, of radiance or reflectance, the larger; None if a wavelength is not in 300 to 1000 nm
-    spectrum = np.maximum(colour, 1) if (setting.colour != 1).any() else None
+    left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
     errors = expected_errors(
         left,
         _limits(left, runs, inside, unit, setting),
@@ -253,6 +251,13 @@ def _limits(
     partner_of, clear = partners(setting, unit), _clear(runs, inside)
     shared = np.array([powers(r.images, inside, unit, (), partner_of) for r in runs.values()]) if partner_of else power
     return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
+
+
+def _spectrum(setting: Setting) -> Float32 | None:
+    """Glint in each band, (band,), divided by that in the NIR; None if a wavelength is not in 300 to 1000 nm."""
+    if (setting.colour == 1).all():
+        return None
+    return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
 
 
 def _own_signal(
