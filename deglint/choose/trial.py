@@ -147,7 +147,7 @@ def choose(
     Parameters
     ----------
     sample : Sample
-        Sample tiles, and masks of the pixels to use; unless pixels are fine as returned by `without_ships`.
+        Sample tiles, and masks of the pixels to use, as returned by `without_ships` unless pixels are fine.
     setting : Setting
         Bands, NIR and other properties of the scene.
     correct : sequence of int
@@ -164,7 +164,8 @@ def choose(
     Returns
     -------
     Choice
-        Copy if no candidate is much better (`WORTH_REMOVING`); "wiener" if pixels are too few or values too large.
+        Copy if no candidate is much better (`WORTH_REMOVING`) or no band varies; "wiener" if there are too few pixels
+        to try others or values are too large.
     """
     if _too_small(sample):
         return Choice(WIENER, width=width)

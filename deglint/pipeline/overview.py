@@ -27,7 +27,7 @@ Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]  # of the name of a step, and the numbers of finished and of all tiles
 OVERVIEW_PIXELS = 300_000  # approximate number of pixels in the first overview
 SMALL_PIXELS = 600_000  # scenes of up to this number of pixels are read as a whole from the start
-LEAST_VALID = OVERVIEW_PIXELS // 4  # valid pixels in the overview of a part, else a larger part is read
+LEAST_VALID = OVERVIEW_PIXELS // 4  # valid pixels in an overview, else the next is tried: some 2 of its 8 tiles
 TILE_SIDE = SAMPLE_SIDE  # side of the tiles of an overview [pixel]: the same for every file, independent of its blocks
 MOST_OVERVIEW = 16 << 20
 """Most pixels that the overview of a whole scene keeps in memory. A larger scene is read completely, and only some of
@@ -39,14 +39,15 @@ MOST_TILES = 1 << 18  # most tiles that are considered for an overview
 class Overview:
     """A part of a scene that was read first, and the water in it."""
 
-    tiles: tuple[Tile, ...]  # tiles that were read
+    tiles: tuple[Tile, ...]  # tiles that were read and hold valid pixels
     bands: tuple[int, ...]  # 0-based scene bands that the masks use (visible and NIR), in ascending order
     water: WaterRule | None  # None if it was not requested, or if the scene has no visible band
     whole: bool  # the overview covers the whole scene
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of larger and larger parts of a scene, at last of the whole; if `wanted`, with the water in each.
+    """Yield overviews of larger and larger parts of a scene, at last of the whole; if `wanted`, with the water in each,
+    and parts with few valid pixels (`LEAST_VALID`) are left out.
     Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)
@@ -63,7 +64,7 @@ def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator
             valid = [int(np.isfinite(block[roles.nir]).sum()) for block in blocks]
             if not last and sum(valid) < LEAST_VALID:
                 continue
-            chosen = [tile for tile, pixels in zip(chosen, valid, strict=True) if pixels] or chosen
+            chosen = [tile for tile, some in zip(chosen, valid, strict=True) if some] or chosen
             whole = last and total <= MOST_OVERVIEW
             rule = fit_water(blocks, roles, pixel=pixel_size(scene), whole=whole, reflectance=reflectance)
         elif not chosen:

@@ -288,8 +288,8 @@ def shared_level_error(
 ) -> float:
     """Standard error of the level [unit of the NIR]; the arguments are as in `shared_level`.
 
-    It is estimated by the jackknife over groups of neighbouring pixels. Where every pixel may have glint, a second term
-    is added. The true level then lies between the lowest possible and the chosen level, with a probability density that
+    It is estimated by the jackknife over groups of neighbouring pixels. In a sheet (`SHEET_SPAN`) a second term is
+    added. The true level then lies between the lowest possible and the chosen level, with a probability density that
     rises linearly to the chosen one: the term is the length of this interval divided by the root of 6. The interval is
     extended down to the highest NIR that water can have, as errors of the removal may have raised the lowest level.
     """

@@ -43,8 +43,8 @@ class FitRequest:
         check_number(self.rrs_factor, 1e-6, 1e6, "rrs_factor")
         if not self.correct:
             raise InputError(
-                "no band is left to correct: none is of shorter wavelength than the NIR. Name the bands in their order "
-                "(--bands), or say which to correct (-b)."
+                "no band but the NIR is left to correct: choose others (-b). If none is of shorter wavelength than the "
+                "NIR, name the bands in their order (--bands)."
             )
 
     @property
