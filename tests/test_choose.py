@@ -214,11 +214,12 @@ def test_what_an_opening_takes_beyond_the_glint_of_the_nir_is_erased_signal():
     assert erased([sparkle], [~INSIDE], unit, 3, spectrum) == 0
 
 
-def test_light_above_the_level_of_an_opening_is_left_glint():
+def test_light_above_the_level_of_the_other_kind_of_recipe_is_left_glint():
     sea, unit = np.ones((4, 128, 128), np.float32), np.array([1, 1, 1, np.inf], np.float32)
-    results = [[level * sea] for level in (3.0, 1.04, 1.0, 0.5)]
-    found = level_excess(results, [INSIDE], unit, [True, True, True, False], delayed=False)
-    assert found == pytest.approx([1.95, 0.0, 0.0, 0.0])
+    results = [[level * sea] for level in (5.0, 3.0, 1.04, 1.0, 2.5, 0.9)]
+    found = level_excess(results, [INSIDE], unit, [None, False, False, False, True, True], delayed=False)
+    assert found == pytest.approx([0.0, 2.05, 0.09, 0.05, 1.45, 0.0])
+    assert not level_excess(results[:2], [INSIDE], unit, [None, True], delayed=False).any(), "nothing to compare with"
 
 
 def test_sparkle_on_few_pixels_is_left_glint_where_bands_are_delayed():

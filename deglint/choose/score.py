@@ -23,10 +23,10 @@ of the scene.
 At the coarsest scale only the loss :math:`(1 - g)^2 S` counts: glint that is left there is an offset that all pixels
 share, which texture cannot show. There g is the gain of plumes, or the root of the share of P that a recipe keeps, if
 that is larger: a reef is brighter than deep water, but unlike sediment hardly in the NIR. If the level after a removal
-exceeds the lowest level after an opening, a part of the excess is counted as an offset that glint left
-(`level_excess`): an opening finds the water between the glint, while a removal takes its level from the pixels with the
-least glint. What an opening takes from a band beyond the glint that the NIR shows is counted as erased signal
-(`erased`).
+exceeds the lowest level after an opening, or the reverse, a part of the excess is counted as an offset that glint left
+(`level_excess`): an opening finds the water between the glint where there is some, while a removal takes its level from
+the pixels with the least glint. What an opening takes from a band beyond the glint that the NIR shows is counted as
+erased signal (`erased`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -157,16 +157,21 @@ def _shares(mask: Mask) -> list[Float32]:
 
 
 def level_excess(
-    results: Sequence[Sequence[Float32]], inside: Sequence[Mask], unit: Float32, opened: Sequence[bool], delayed: bool
+    results: Sequence[Sequence[Float32]],
+    inside: Sequence[Mask],
+    unit: Float32,
+    opened: Sequence[bool | None],
+    delayed: bool,
 ) -> Float64:
-    """How much brighter the result of each recipe is than the darkest result after an opening, (recipe,); at least 0.
+    """How much brighter each result of an opening is than the darkest of a removal, or the reverse, (recipe,).
 
     The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
-    over the bands, minus `SIGNAL`. With `delayed` bands means are compared, as a removal leaves sparkle on few pixels.
+    over the bands, minus `SIGNAL`; at least 0. With `delayed` bands means are compared, as a removal leaves sparkle on
+    few pixels.
 
     results : (band, row, column) of each tile, for each recipe
     inside, unit : as in `powers`
-    opened : for each recipe, whether it contains an opening; at least one does
+    opened : for each recipe, whether it contains an opening; None for a copy, whose excess is 0
     """
     judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
     levels = np.array(
@@ -175,9 +180,13 @@ def level_excess(
             for images in results
         ]
     )
-    least = np.maximum(levels[np.array(opened)], 0).min(axis=0)
-    excess = np.sqrt(np.mean((np.maximum(levels - least, 0) / unit[judged]) ** 2, axis=1))
-    return np.asarray(np.maximum(excess - SIGNAL, 0))
+    excess = np.zeros(len(results))
+    for kind in (True, False):
+        own, other = (np.array([o is k for o in opened]) for k in (kind, not kind))
+        if own.any() and other.any():
+            least = np.maximum(levels[other], 0).min(axis=0)
+            excess[own] = np.sqrt(np.mean((np.maximum(levels[own] - least, 0) / unit[judged]) ** 2, axis=1))
+    return np.maximum(excess - SIGNAL, 0)
 
 
 def erased(taken: Sequence[Float32], inside: Sequence[Mask], unit: Float32, nir: int, spectrum: Float32) -> float:

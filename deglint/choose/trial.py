@@ -30,8 +30,8 @@ WORTH_REMOVING = 0.85
 """The scene is copied unless the expected error of the best candidate is below this fraction of the error of a copy: a
 copy changes nothing, so a change must promise an improvement of more than 15 %."""
 LEVEL_FAULT = 1 / 3
-"""Share of the excess of the level (`level_excess`) that counts as an error of a removal: its level may be too bright,
-but that of the opening may be too dark, too."""
+"""Share of the excess of the level (`level_excess`) that counts as an error of a removal, or of an opening: its level
+may be too bright, but that of the other may be too dark, too."""
 LARGEST_DISC = 16.0  # width of the widest implanted disc [pixel]: every window that is tried preserves wider ones
 NOT_JUDGED = 5
 """Pixels around targets and ships that are excluded from the evaluation: blur, wakes, and the windows of textures."""
@@ -235,9 +235,8 @@ def _judged(
     )
     results, opened = [r.images for r in runs.values()], [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):
-        excess = level_excess(results, inside, unit, opened, setting.delayed)
-        removals = [c.method != "copy" and not o for c, o in zip(runs, opened, strict=True)]
-        errors = np.where(removals, np.hypot(errors, LEVEL_FAULT * excess), errors)
+        kinds = [None if c.method == "copy" else c.opens for c in runs]
+        errors = np.hypot(errors, LEVEL_FAULT * level_excess(results, inside, unit, kinds, setting.delayed))
     if spectrum is not None:
         for n in np.flatnonzero(opened):
             taken = [s.image - image for s, image in zip(sample.states, results[n], strict=True)]
