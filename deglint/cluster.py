@@ -141,7 +141,8 @@ def connect(address: str | None = None, *, workers: int | None = None, memory: s
             place: Any = address
             if workers is not None:
                 own: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
-                own |= {} if memory == "auto" else {"memory_limit": memory}  # given "auto", it divides by processors
+                if memory != "auto":  # given "auto", LocalCluster divides by processors
+                    own["memory_limit"] = memory
                 place = stack.enter_context(LocalCluster(n_workers=workers, threads_per_worker=1, **own))
             client = Client(place, timeout=_CONNECT, set_as_default=False, direct_to_workers=workers is not None)
             stack.enter_context(client).wait_for_workers(1, timeout=_CONNECT)

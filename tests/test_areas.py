@@ -249,14 +249,14 @@ def test_a_mask_beside_the_scene_is_refused(scene, write, tmp_path, place):
         area_of(scene, write(tmp_path / "m.tif", mask_array(), transform=place))
 
 
-@pytest.mark.parametrize("west", [-180, 0])
-def test_a_mask_of_the_whole_earth_holds_a_scene_on_either_side_of_180_degrees(sea, write, tmp_path, west):
+@pytest.mark.parametrize(("west", "held"), [(-180, 1.0), (0, 0.14)])  # from 0 to 360, not beyond 180 degrees
+def test_a_mask_of_the_whole_earth_holds_a_scene_across_180_degrees(sea, write, tmp_path, west, held):
     across = from_origin(829_000, 1_000_000, 10, 10)  # of UTM zone 60: 180 degrees run through it
     scene = open_scene(write(tmp_path / "in.tif", sea(HEIGHT, 600), crs="EPSG:32660", transform=across))
     earth = write(
         tmp_path / "m.tif", np.ones((1, 18, 36), np.uint8), crs="EPSG:4326", transform=from_origin(west, 90, 10, 10)
     )
-    assert area_of(scene, earth).read(((0, HEIGHT), (0, 600))).any()
+    assert area_of(scene, earth).read(((0, HEIGHT), (0, 600))).mean() == pytest.approx(held, abs=0.01)
 
 
 def test_a_mask_of_another_size_without_crs_is_refused(scene, write, tmp_path):
@@ -268,8 +268,10 @@ def test_a_mask_of_another_size_without_crs_is_refused(scene, write, tmp_path):
 def test_an_area_without_a_pixel_is_refused(scene, write, geojson, tmp_path):
     speck = geojson(tmp_path / "speck.geojson", ring((5.6, 5.6), (5.6, 5.9), (5.9, 5.9)), crs="EPSG:32653")
     for empty in (write(tmp_path / "m.tif", np.zeros_like(mask_array())), speck):
-        with pytest.raises(NoWaterError, match=r"--sample .*(m.tif|speck.geojson) selects no pixel of the scene"):
-            area_of(scene, empty)
+        for option, kind in (("--sample", InputError), ("--mask", NoWaterError)):
+            with pytest.raises(kind, match=rf"{option} .*(m.tif|speck.geojson) selects no pixel") as error:
+                open_area(str(empty), scene, option)
+            assert type(error.value) is kind
 
 
 def test_a_mask_of_several_bands_is_refused(scene, write, tmp_path):

@@ -198,17 +198,21 @@ def test_two_batches_do_not_work_in_one_directory(deglint, place):
         pass
 
 
-def test_a_lock_that_its_batch_removed_at_the_end_is_no_lock(tmp_path, monkeypatch):
+def test_a_lock_that_its_batch_removed_at_the_end_is_taken_anew(tmp_path, monkeypatch):
     fcntl = pytest.importorskip("fcntl")
-    lock = fcntl.flock
+    lock, file, late = fcntl.flock, tmp_path / ".deglint-batch.lock", [True, False, False]
 
-    def late(*given):
-        (tmp_path / ".deglint-batch.lock").unlink()
+    def flock(*given):
+        if late.pop(0):
+            file.unlink()
         lock(*given)
 
-    monkeypatch.setattr(fcntl, "flock", late)
-    with pytest.raises(WriteError, match="another batch is writing"), claimed(tmp_path):
-        pass
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with claimed(tmp_path):
+        assert file.exists()
+        with pytest.raises(WriteError, match="another batch is writing"), claimed(tmp_path):
+            pass
+    assert not file.exists()
 
 
 def test_a_table_replaces_nothing_but_a_table(deglint, place):

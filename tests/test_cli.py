@@ -131,6 +131,8 @@ def test_the_exit_code_of_no_water_is_3_with_a_traceback_too(deglint, sea, write
         (["--floor-percentile", "5%"], ["'5%' is not a valid number from 0 to 100, such as 5."]),
         (["--method", "headley"], ["'nir-subtraction'; did you mean 'hedley'?"]),
         (["--mask", "watr"], ["'--mask'", "'watr' is not one of auto, none, nor a file"]),
+        (["--mask", "None"], ["'None' is not one of auto, none, nor a file that is there; did you mean 'none'?"]),
+        (["--mask", "a" * 300], ["aaa' is not one of auto, none, nor a file that is there."]),
         (["--sample", "none"], ["'--sample'", "'none' is not one of auto, all, nor a file"]),
         (["--co", "ZSTD"], ["NAME=VALUE"]),
         (["--co", "=ZSTD"], ["NAME=VALUE"]),
@@ -154,19 +156,38 @@ def test_help_spells_defaults_in_one_way(deglint, name):
     said = " ".join(deglint(name, "--help").out.split())
     assert "[default: " in said
     assert " by default" not in said
+    assert "(default)" not in said
 
 
-def test_choices_are_taken_in_capitals_too(deglint, sea, write, tmp_path):
+def test_choices_are_taken_in_capitals_too(deglint, sea, write, read, tmp_path):
     source, out = write(tmp_path / "in.tif", sea()), tmp_path / "out.tif"
-    ran = deglint("remove", source, out, "--method", "Hedley", "--sample", "all", "--mask", "none")
+    ran = deglint(
+        "remove",
+        source,
+        out,
+        "--method",
+        "Hedley",
+        "--sample",
+        "all",
+        "--mask",
+        "none",
+        "--dtype",
+        "Float32",
+        "--nir-use",
+        "MEAN",
+    )
     assert ran.code == 0, ran.err
     assert json.loads((tmp_path / "out.tif.json").read_text())["model"]["method"] == "hedley"
+    assert read(out).dtype == np.float32
+    ran = deglint("simulate", tmp_path / "s", "--dry-run", "--objects", "None")
+    assert ran.code == 0, ran.err
 
 
 def test_simulate_takes_a_sensor_by_the_option_of_plan(deglint, tmp_path):
-    call = "simulate", tmp_path / "s", "--dry-run", "--json"
-    assert deglint(*call, "--sensor", "micasense") == deglint(*call, "--preset", "micasense")
+    call = "simulate", tmp_path / "s", "--dry-run"  # which says the size: sensors differ in their number of bands
     assert deglint(*call, "--sensor", "micasense").code == 0
+    assert deglint(*call, "--sensor", "micasense") == deglint(*call, "--preset", "micasense")
+    assert deglint(*call, "--sensor", "micasense") != deglint(*call, "--sensor", "thesis")
 
 
 def test_unknown_commands_and_missing_arguments_are_usage(deglint):

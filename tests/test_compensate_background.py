@@ -99,7 +99,12 @@ def test_what_is_no_psf_is_refused(kernel):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"), [({"f_number": -1}, "f_number must be 0.7 to 200"), ({"wavelength": 5.0}, "100 to 20000 nm")]
+    ("change", "words"),
+    [
+        ({"f_number": -1}, "f_number must be 0.7 to 200"),
+        ({"wavelength": 5.0}, "100 to 20000 nm"),
+        ({"wavelength": [500.0]}, "wavelength must be"),
+    ],
 )
 def test_optics_that_cannot_be_are_refused(change, words):
     with pytest.raises(InputError, match=words):

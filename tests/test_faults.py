@@ -147,7 +147,7 @@ def test_an_empty_sample(refused, sea, write, geojson, tmp_path):
     source = write(tmp_path / "in.tif", sea())
     small = [(400_012, 799_982), (400_013, 799_982), (400_013, 799_981)]  # between centres
     path = geojson(tmp_path / "small.geojson", small, crs="EPSG:32653")
-    assert "selects no pixel of the scene" in refused(source, "--sample", path, code=3)
+    assert "selects no pixel of the scene" in refused(source, "--sample", path, code=1)
     assert "sample holds 25 valid pixels" in refused(source, "--sample", "0,0,5,5", "--method", "hedley")
 
 
@@ -177,6 +177,15 @@ def test_nothing_inside_the_mask_is_3(refused, sea, write, tmp_path):
     assert f"--mask {mask} selects no pixel of the scene" in refused(
         write(tmp_path / "in.tif", sea()), "--method", "hedley", "--sample", "all", "--mask", mask, code=3
     )
+
+
+def test_no_valid_pixel_inside_the_mask_is_3(refused, sea, write, tmp_path):
+    raw = sea()
+    raw[:, :20, :20] = 0
+    source = write(tmp_path / "in.tif", raw, nodata=0)
+    said = refused(source, "--method", "hedley", "--sample", "all", "--mask", "0,0,20,20", code=3)
+    assert "nothing to correct in" in said
+    assert "no pixel is water inside the mask" in said
 
 
 def test_a_saved_model_that_does_not_fit(refused, sea, write, tmp_path):

@@ -61,6 +61,13 @@ def test_rounding_is_to_nearest_with_ties_to_even():
     assert (clipped.sum(), negative.sum()) == (2, 1)
 
 
+def test_what_float32_cannot_hold_is_not_written_as_infinity():
+    values, raw = np.full((1, 2), 3e38, np.float32), np.full((1, 2), 7, np.float32)
+    with np.errstate(over="ignore"):
+        encode(values, raw, scale=0.01, offset=1.0, where=np.ones(values.shape, bool))
+    assert (raw == 7).all()
+
+
 @pytest.mark.parametrize("dtype", ["uint16", "int16", "float32", "float64"])
 def test_scale_and_offset_are_used_and_kept(sea, write, tmp_path, dtype):
     raw = sea(dtype=dtype)

@@ -91,7 +91,7 @@ def test_a_reticle_is_the_physics_room_look_by_look(zenith, azimuth, wind, wind_
         )
     )
     blows = plan.mission.slope_wind
-    one = glint.sun_glint(zenith, azimuth, 40.0, 130.0, wind=blows.wind, wind_from=wind_from, model=model)
+    one = glint.sun_glint(zenith, azimuth, 40.0, 130.0, wind=blows.speed, wind_from=wind_from, model=model)
     assert plan.glint_strength[4, 13] == pytest.approx(one.radiance, rel=1e-9)
     assert plan.glint_probability[4, 13] == pytest.approx(min(float(one.probability), 1.0), rel=1e-9)
     assert np.isfinite(plan.snr).all()

@@ -161,7 +161,7 @@ def test_flight_line_is_the_glint_of_each_look():
     line = Line(BAY, view, [30.0, 200.0])
     zenith, azimuth = viewing_geometries(view, 200.0)
     wind = BAY.slope_wind
-    spark = glint.sun_glint(*BAY.sun, zenith, azimuth, wind=wind.wind, wind_from=310.0).radiance
+    spark = glint.sun_glint(*BAY.sun, zenith, azimuth, wind=wind.speed, wind_from=310.0).radiance
     assert line.fraction[1] == np.mean(spark > BAY.limits.glint)
     assert line.mean[1] == pytest.approx(spark.mean())
     np.testing.assert_allclose(line.profile[1], spark.max(axis=0))

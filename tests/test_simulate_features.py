@@ -311,6 +311,15 @@ def test_delays_of_less_than_a_millisecond_have_names_of_their_own():
     assert len(set(names)) == len(names)
 
 
+@pytest.mark.parametrize(
+    ("delay", "said"), [(0.0, "000"), (0.06, "060"), (0.0601, "060.1"), (1e-8, "000.00001"), (1.2, "1200")]
+)
+def test_delays_in_names_have_three_digits_before_the_point(delay, said):
+    setup = Setup(sensor=preset("sentinel2"))
+    name, _ = next(experiments(setup, winds=[9.0], delays=[delay]))
+    assert name == f"wind09_delay{said}_view00_000_f10"
+
+
 @pytest.mark.parametrize("option", [("--wind", "5", "--wind", "5"), ("--delay", "0.06", "--delay", "0.060")])
 def test_scenes_of_one_name_are_refused_before_the_first(tmp_path, deglint, option):
     ran = deglint("simulate", "--grid", "--size", "8", "--objects", "none", *option, tmp_path)

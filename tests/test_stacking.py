@@ -59,6 +59,16 @@ def test_files_on_both_sides_of_180_degrees_are_stacked(write, tmp_path):
     assert (scene.read() == 7).all()
 
 
+def test_files_in_degrees_a_turn_apart_are_refused(write, tmp_path):  # GDAL does not shift one onto the other
+    seven = np.full((1, 300, 300), 7, np.uint16)
+    east, west = (
+        write(tmp_path / f"{left}.tif", seven, crs="EPSG:4326", transform=from_origin(left, 9.03, 1e-4, 1e-4))
+        for left in (179.995, -180.005)
+    )
+    with pytest.raises(InputError, match="do not overlap"):
+        open_scene([east, west])
+
+
 @pytest.mark.parametrize("option", [("-b", "B02"), ("--mask", "water"), ("--method", "residual", "--nir", "B08")])
 def test_the_next_command_knows_the_bands_of_a_stack(rxdetect, files, tmp_path, option):
     remove_glint(files, tmp_path / "out.tif", Recipe(method="hedley", sample="all", mask="none"))

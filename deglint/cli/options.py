@@ -2,9 +2,9 @@
 
 import contextlib
 import logging
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, get_args
 
 import click
@@ -77,8 +77,9 @@ class FileName(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The name as it stands; a usage error for what is no file, but may be one of the words, spelled wrong."""
         words = self._words if "FILE" in str(param and param.metavar) else ()
-        if words and value.isalpha() and value not in words and not Path(value).exists():
-            self.fail(f"{value!r} is not one of {', '.join(words)}, nor a file that is there.", param, ctx)
+        if words and value.isalpha() and value not in words and not os.path.exists(value):  # noqa: PTH110
+            hint = nearest(value, list(words)) or "."
+            self.fail(f"{value!r} is not one of {', '.join(words)}, nor a file that is there{hint}", param, ctx)
         return super().convert(value, param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

@@ -43,6 +43,8 @@ def setting(option: str, place: str, unit: str | None, said: str, kind: Any = fl
 
 SAID = {
     "--wind": "Wind at 10 m @ azimuth it blows from.  [default: 5@0]",
+    "--sky": "Model of the sky; harrison-coombes is clear.  [default: harrison-coombes]",
+    "--max-glint-probability": "Largest share of sea mirroring the sun.  [default: any]",
     "--wind-within": "The wind is known to plus or minus this: intervals, and what is good under all of them.",
     "--out": "Picture .png, numbers .json, .nc (xarray), GeoTIFF .tif in polar coordinates; may be repeated.",
 }
@@ -70,11 +72,11 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @setting("--visibility", "air.visibility", "KM", "Visibility.  [default: 40]")
 @setting("--humidity", "air.humidity", "%", "Relative humidity.  [default: 80]")
 @setting("--water-vapour", "air.water_vapour", "CM", "Water vapour in the column of air.  [default: 2.5]")
-@setting("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean (default), to 10: of a continent.")
+@setting("--air-mass", "air.air_mass_type", "1-10", "1: air of the ocean, to 10: of a continent.  [default: 1]")
 @setting("--ozone", "air.ozone", "DU", "Column of ozone.  [default: what is usual for place and day]")
 @setting("--pressure", "air.pressure", "HPA", "Air pressure, or with its unit, 29.9inHg.  [default: 1013.25]", str)
 @setting("--slopes", "models.slopes", None, "Model of the slopes of waves.  [default: cox-munk]", SLOPES_CHOICE)
-@setting("--sky", "models.sky", None, "Model of the sky.  [default: harrison-coombes, clear]", SKY_CHOICE)
+@setting("--sky", "models.sky", None, SAID["--sky"], SKY_CHOICE)
 @heading("Target, water and sensor")
 @setting("--depth", "object.depth", "M", "Depth of the object.  [default: 5]")
 @setting("--reflectance", "object.reflectance", "SHARE", "Reflectance of the object.  [default: 0.15]")
@@ -83,15 +85,10 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @setting("--ner", "limits.ner", "W", "Noise-equivalent radiance [W m-2 sr-1 nm-1].  [default: the sensor's own]")
 @setting("--sensor", "sensor.preset", None, "Sensor.  [default: thesis]", SENSOR_CHOICE)
 @click.option("-b", "--band", "bands", metavar="NAME,...", help="Bands to plan for.  [default: all]")
-@setting("--water", "water.model", None, "Water scatters (default), or only absorbs.", WATER_CHOICE)
+@setting("--water", "water.model", None, "Water scatters, or only absorbs.  [default: scattering]", WATER_CHOICE)
 @heading("What is excluded")
 @setting("--max-glint", "limits.glint", "1/SR", "Exclude above this glint radiance per sunlight.  [default: 1e-3]")
-@setting(
-    "--max-glint-probability",
-    "limits.glint_probability",
-    "SHARE",
-    "Largest share of sea mirroring the sun.  [default: any]",
-)
+@setting("--max-glint-probability", "limits.glint_probability", "SHARE", SAID["--max-glint-probability"])
 @setting("--tolerance", "limits.tolerance", "DEG", "Angle from the sun's centre taken as sun.  [default: its disk]")
 @setting("--max-sky-ratio", "limits.sky_ratio", "N", "Ratio of sky to water that is too much sky.  [default: 2]")
 @setting("--max-sky-share", "limits.sky_probability", "SHARE", "Largest share of such sea.  [default: 0.1]")
@@ -108,7 +105,7 @@ read_step = parsed(minutes, "is not like 30min or 1h, from 1 minute to a day.")
 @click.option("--roll", type=float, metavar="DEG", help="and to the right by this.")
 @heading("A page with sliders")
 @click.option("--serve", is_flag=True, help="Open a page with sliders on this machine; Ctrl-C ends it.")
-@click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: 0: a free one.  [default: 8765]")
+@click.option("--port", type=click.IntRange(0, 65535), metavar="N", help="--serve: port; 0: any free.  [default: 8765]")
 @click.option("--no-browser", is_flag=True, help="--serve: only say the address.")
 @heading("Output")
 @click.option("-o", "--out", "outs", multiple=True, type=click.Path(path_type=Path), metavar="FILE", help=SAID["--out"])

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 METHOD = ChoiceFromTable("METHODS", "deglint.remove", "auto")
 REGRESSION = ChoiceFromTable("REGRESSIONS", "deglint.remove", "auto")
-DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"])
+NIR_USE = click.Choice(["auto", "mean", "best", "set"], case_sensitive=False)
+DTYPE = click.Choice(["float32", "float64", "uint8", "uint16", "int16", "uint32", "int32"], case_sensitive=False)
 PERCENT = click.FloatRange(0, 100)
 PERCENT.name = "number from 0 to 100, such as 5"  # in the message: "5%" is not a valid ...
 KEPT_WIDTH = "4m, or 16px where the size of a pixel is not known"
@@ -67,7 +68,7 @@ HELP = {
 @heading("Details of the fit")
 @click.option("--regression", type=REGRESSION, default="auto", help=HELP["--regression"])
 @click.option("--floor-percentile", type=PERCENT, default=0.0, metavar="PERCENT", help=HELP["--floor-percentile"])
-@click.option("--nir-use", type=click.Choice(["auto", "mean", "best", "set"]), default="auto", help=HELP["--nir-use"])
+@click.option("--nir-use", type=NIR_USE, default="auto", help=HELP["--nir-use"])
 @click.option("--rrs-factor", default=math.pi, metavar="FACTOR", show_default="pi", help=HELP["--rrs-factor"])
 @heading("Input")
 @click.option("--grid", type=FILE, metavar="FILE|N", show_default="the finest", help=HELP["--grid"])

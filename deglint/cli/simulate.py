@@ -41,6 +41,7 @@ def _boat(text: str) -> tuple[float, ...]:
 SPECTRUM = ChoiceFromTable("Spectrum", "deglint.physics.waves")
 SLOPE_LAW = ChoiceFromTable("SlopeModel", "deglint.simulate.setup")
 KERNEL = ChoiceFromTable("Kernel", "deglint.simulate.artefacts")
+OBJECTS = click.Choice(["thesis", "none"], case_sensitive=False)
 BOAT = "A boat of 8 m: its place [m], speed and heading."
 read_size = parsed(_size, "is not a number of pixels, nor ROWSxCOLUMNS.")
 read_depths = parsed(_depths, "is not like 25:3, the depth at the left and at the right edge.")
@@ -63,7 +64,7 @@ read_foam = parsed(lambda text: None if text == "auto" else float(text), "is nei
 @click.option("--patch", default=0.005, metavar="M", help="Size of the patches of one slope; 0: no sparkle.")
 @click.option("--seed", default=0, metavar="N", help="Seed: the same gives the same scene.")
 @heading("What lies in the water and on it")
-@click.option("--objects", type=click.Choice(["thesis", "none"]), default="thesis", help="Squares under water.")
+@click.option("--objects", type=OBJECTS, default="thesis", help="Squares under water.")
 @click.option("--depth", default=5.0, metavar="M", help="Depth of the objects.")
 @click.option("--bottom", callback=read_depths, metavar="LEFT:RIGHT", help="Depth of a bottom at either edge [m].")
 @click.option("--texture", default=0.4, metavar="SHARE", help="For --bottom: share of patches of algae.")

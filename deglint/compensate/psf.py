@@ -54,7 +54,6 @@ class PSF:
         return [(down / total, across) for down, across in pairs]
 
 
-@lru_cache(maxsize=64)
 def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float = 0.5) -> PSF:
     """PSF of a band from the sensor's optics: the Fourier transform of its MTF (`deglint.physics.sensor.mtf`).
 
@@ -79,7 +78,23 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     """
     check_number("wavelength", wavelength, 100, 20_000, "nm", "Give the centre of the band.")
     band = SensorBand(name="", low=wavelength, high=wavelength, full_scale=1.0)
-    sensor = Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear)
+    return _sampled(Sensor(name="", bands=(band,), gsd=1.0, f_number=f_number, pitch=pitch, smear=smear))
+
+
+def typical_psf(wavelength: float) -> PSF:
+    """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
+
+    The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide
+    for optics that are sharper by a third or more. For seven seas, simulated with f/10 and f/30, the error after
+    sharpening with the typical PSF is 13 % larger than with the true PSF; without sharpening it is 39 % larger.
+    """
+    return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])
+
+
+@lru_cache(maxsize=64)
+def _sampled(sensor: Sensor) -> PSF:
+    """The PSF that `system_psf` returns, for a sensor with one band; results are cached."""
+    wavelength = sensor.bands[0].wavelength
     blur = 1 / cutoff(sensor, wavelength)  # Q: 1 where diffraction ends at the sampling frequency
     side = 2 * min(64 * int(np.ceil(blur)), 256) + 1  # light from beyond wraps around; it is negligible
     oversample = int(np.clip(np.ceil(2 / blur), 2, 64))
@@ -92,13 +107,3 @@ def system_psf(wavelength: float, *, f_number: float, pitch: float, smear: float
     kernel = kernel / kernel.sum()
     kernel.flags.writeable = False  # the next caller gets the same array
     return PSF(kernel)
-
-
-def typical_psf(wavelength: float) -> PSF:
-    """PSF for unknown optics, for a band with its centre at `wavelength` [nm].
-
-    The typical PSF is narrow, as a PSF that is too wide causes ringing (see `richardson_lucy`). It is still too wide
-    for optics that are sharper by a third or more. For seven seas, simulated with f/10 and f/30, the error after
-    sharpening with the typical PSF is 13 % larger than with the true PSF; without sharpening it is 39 % larger.
-    """
-    return system_psf(wavelength, f_number=TYPICAL[0], pitch=TYPICAL[1])

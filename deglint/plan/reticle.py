@@ -97,7 +97,7 @@ class Reticle:
         self.azimuth = np.linspace(0.0, 360.0, round(360.0 / mission.step) + 1)
         self.light = light = Light(mission, self.zenith, self.azimuth)
         disk = sun.solid_angle(mission.day) if limits.tolerance is None else glint.cone(limits.tolerance)
-        spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind._asdict())
+        spark = glint.sun_glint(*mission.sun, self.zenith[:, None], self.azimuth, **wind.options)
         share = glint.probability(spark.density, self.zenith[:, None], spark.tilt, disk)
         self.glint_probability, self.glint_strength = np.minimum(share, 1.0), spark.radiance
         self.clear_of_glint: Mask = spark.radiance <= limits.glint

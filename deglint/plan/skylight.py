@@ -20,11 +20,16 @@ LEVELS = np.geomspace(2e-3, 2.0, 120)
 
 
 class Wind(NamedTuple):
-    """Wind for a slope model, as keyword arguments of `deglint.physics.glint.sun_glint`."""
+    """Wind for a slope model: speed at its reference height [m/s], azimuth from which it blows [degree], model name."""
 
-    wind: float  # speed at the reference height of the model [m/s]
-    wind_from: float  # azimuth from which it blows [degree]
-    model: str  # name of the model
+    speed: float
+    blows_from: float
+    model: str
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of `deglint.physics.glint.sun_glint`."""
+        return {"wind": self.speed, "wind_from": self.blows_from, "model": self.model}
 
 
 class Skylight:
@@ -40,7 +45,7 @@ class Skylight:
         nodes = np.linspace(0.0, max(float(zenith[-1]), 20.0), ZENITHS)
         step, opposite = 360.0 / AZIMUTHS, sun[1] + 180.0
         around = opposite + step * np.arange(AZIMUTHS)
-        mean, brighter = _facet_sums(nodes, around - wind.wind_from, (sun[0], sun[1] - wind.wind_from), wind, model)
+        mean, brighter = _facet_sums(nodes, around - wind.blows_from, (sun[0], sun[1] - wind.blows_from), wind, model)
         down, across = (zenith - nodes[0]) / (nodes[1] - nodes[0]), (azimuth - opposite) % 360.0 / step
         # radiance per unit of diffuse irradiance, mean over the sea, (zenith, azimuth) [1/sr]
         self.mean = _interpolated(_interpolated(mean, down, 0, nodes=4), across, 1, nodes=4, periodic=True)
@@ -91,7 +96,7 @@ def _facet_sums(
     The mean is (zenith, azimuth), the share (level, zenith, azimuth). `zeniths` and `azimuths` are zenith angles and
     azimuths of the sensor, `sun` is (zenith angle, azimuth) [degree]. All azimuths are relative to that of the wind.
     """
-    variances = [float(v) for v in slopes.variances(wind.wind, model=wind.model)]
+    variances = [float(v) for v in slopes.variances(wind.speed, model=wind.model)]
     facets = _Facets(wind, variances)
     to_sun = _unit(*sun)
     mean = np.empty((zeniths.size, azimuths.size), np.float32)
@@ -124,7 +129,7 @@ class _Facets:
         along, across = (axis * np.sqrt(v) for v in variances)
         upwind, crosswind = (a.ravel() for a in np.meshgrid(along, across, indexing="ij"))
         area = (along[1] - along[0]) * (across[1] - across[0])
-        density = slopes.density(upwind, crosswind, wind.wind, model=wind.model) * area
+        density = slopes.density(upwind, crosswind, wind.speed, model=wind.model) * area
         up = 1.0 / np.sqrt(1.0 + upwind**2 + crosswind**2)
         self.upwind, self.crosswind, self.share, self.up = (
             np.asarray(a, np.float32) for a in (upwind, crosswind, density, up)

@@ -49,7 +49,7 @@ class Line:
         self.heading = np.arange(0.0, 360.0, 5.0) if headings is None else np.atleast_1d(np.asarray(headings, float))
         zenith, azimuth = viewing_geometries(view, self.heading)
         seen, wind = zenith < glint.VIEW_LIMIT, mission.slope_wind
-        strength = glint.sun_glint(*mission.sun, np.where(seen, zenith, 0.0), azimuth, **wind._asdict()).radiance
+        strength = glint.sun_glint(*mission.sun, np.where(seen, zenith, 0.0), azimuth, **wind.options).radiance
         kept = np.where(seen, strength, 0.0)
         # share of the view, in equal steps of angle, whose glint exceeds the limit, (heading,) [1]
         self.fraction = (~seen | (strength > mission.limits.glint)).mean(axis=(1, 2))

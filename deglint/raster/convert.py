@@ -118,8 +118,8 @@ def encode(
     Returns two masks, True where a physical value is negative, and True where a value was clipped, or moved because an
     integer equalled `nodata`.
     """
-    kind = np.result_type(values, physical_dtype(raw.dtype))
-    numbers = values.astype(np.float64 if offset != 0 else kind)  # in float32 an offset of 1000 rounds ties otherwise
+    wide = np.float64 if offset != 0 and raw.dtype.kind in "iu" else physical_dtype(raw.dtype)
+    numbers = values.astype(np.result_type(values, wide))  # in float32 an offset of 1000 rounds ties of integers
     if offset != 0:
         numbers -= offset
     if scale != 1:

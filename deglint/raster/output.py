@@ -14,7 +14,6 @@ import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 
@@ -153,13 +152,19 @@ def _refusals(target: Path, options: Mapping[str, str]) -> Iterator[None]:
     """Raise InputError if an option is in `_REFUSED`, or, at the end of the `with` block, if GDAL warned of one."""
     if wrong := [name for name in options if name.lower() in _REFUSED]:
         raise InputError(f"cannot write {target} with these options: {wrong[0]} is not for --co. Leave it out.")
-    log, heard = logging.getLogger("rasterio._env"), BufferingHandler(10_000)
-    log.addHandler(heard)
+    said: list[str] = []
+
+    def listen(record: logging.LogRecord) -> bool:
+        said.append(record.getMessage())
+        return True
+
+    log = logging.getLogger("rasterio._env")
+    log.addFilter(listen)
     try:
         yield
     finally:
-        log.removeHandler(heard)
-    for line in map(logging.LogRecord.getMessage, heard.buffer):
+        log.removeFilter(listen)
+    for line in said:
         if any(re.search(rf"\b{re.escape(name)}\b", line, re.IGNORECASE) for name in options):
             said_of_it = line.rpartition(" in ")[2].rstrip(".")
             raise InputError(f"cannot write {target} with these options: {said_of_it}. Check --co or [output] options.")

@@ -233,32 +233,29 @@ def make_directory(directory: Path, *, parents: bool = False) -> None:
 
 @contextlib.contextmanager
 def claimed(directory: Path) -> Iterator[None]:
-    """Lock a directory against other batches in the `with` block; raises WriteError if another one holds the lock.
-
-    On a file system without locks nothing is locked.
-    """
+    """Lock a directory, where locks exist, against other batches in the `with` block; WriteError if another has it."""
     path = directory / ".deglint-batch.lock"
-    with path.open("wb") as file:
-        try:
-            if sys.platform == "win32":
-                import msvcrt
+    with contextlib.ExitStack() as stack:
+        for _ in range(3):
+            file = stack.enter_context(path.open("wb"))
+            try:
+                if sys.platform == "win32":
+                    import msvcrt
 
-                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-            else:
+                    msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+                    break
                 import fcntl
 
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                held = os.fstat(file.fileno())
-                if identity(path) != (held.st_dev, held.st_ino):
-                    raise BlockingIOError  # another batch has removed this file at its end
-        except (BlockingIOError, PermissionError):
-            raise WriteError(f"another batch is writing into {directory}. Wait, or give another directory.") from None
-        except OSError:  # a file system without locks
-            pass
-        try:
-            yield
-        finally:
-            _discard(path)
+            except (BlockingIOError, PermissionError):
+                raise WriteError(f"another batch is writing into {directory}. Wait, or choose another.") from None
+            except OSError:  # a file system without locks
+                break
+            held = os.fstat(file.fileno())
+            if identity(path) == (held.st_dev, held.st_ino):
+                break  # else another batch has removed this file at its end, so that a new one is locked
+        stack.callback(_discard, path)
+        yield
 
 
 def _beside(place: Path, ending: str) -> Path:

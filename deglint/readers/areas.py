@@ -20,7 +20,7 @@ from ..errors import InputError, NoWaterError
 from ..raster import RasterSource
 from ..raster.info import describe_file, gdal_errors, one_line, open_dataset, quiet
 from ..scene import Scene, Window
-from ..tiles import tiles
+from ..tiles import Tile
 from .grid import at, nearest_on, overlap, same_grid
 from .text import read_json
 
@@ -82,9 +82,8 @@ def _in_raster(source: RasterSource, window: Window) -> Mask:
 def open_area(text: str, scene: Scene, option: str) -> Area:
     """The area that a user gives as `text`: the name of a GeoJSON file or mask raster (0: outside), or a window.
 
-    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is the name of the option,
-    for messages. Raises ReadError if a file cannot be read, InputError if `text` is not valid or lies off the scene,
-    NoWaterError if it selects no pixel.
+    A window is "column,row,width,height" [pixel], like -srcwin of gdal_translate. `option` is for messages. Raises
+    ReadError if a file cannot be read, InputError if `text` is not valid, off the scene, or empty (mask: NoWaterError).
     """
     if re.fullmatch(r"[\s\d.,+-]*\d[\s\d.,+-]*", text) and "," in text and not Path(text).exists():
         parts = [part.strip() for part in text.split(",")]
@@ -107,8 +106,9 @@ def open_area(text: str, scene: Scene, option: str) -> Area:
             f"{option} {text} lies off the scene: it covers rows {top} to {bottom} and columns {left} to {right}, the "
             f"scene has {scene.height} rows and {scene.width} columns. {remedy}"
         )
-    if not any(area.read(tile.window).any() for tile in tiles(scene.height, scene.width, (2048, 2048))):
-        raise NoWaterError(f"{option} {text} selects no pixel of the scene. Give an area with pixels, or leave it out.")
+    if not any(area.read(tile.window).any() for tile in Tile(*rows, *columns).split(2048)):
+        kind = NoWaterError if option == "--mask" else InputError
+        raise kind(f"{option} {text} selects no pixel of the scene. Give an area with pixels, or leave it out.")
     return replace(area, bounds=(rows, columns))
 
 

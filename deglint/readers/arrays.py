@@ -111,21 +111,22 @@ def _info(array: Any, values: Any, band: Any, rows: Any, columns: Any) -> Raster
     grid: Mapping[str, Any] = array.coords[named].attrs if named in array.coords else {}
     stated = {**array.attrs, **lists}
     encoded = array.encoding if array.dtype.kind in "iu" else {}  # in floating-point arrays nodata has become NaN
-    alike = {"dtypes": dtype, "units": None, "colorinterp": "undefined", "mask_flags": ("all_valid",)}
-    same: dict[str, Any] = {name: (value,) * count for name, value in alike.items()}
     return RasterInfo(
         paths=(str(array.name) if array.name else "the array",),
-        **same,
-        block_shapes=(block,) * count,
         driver="MEM",
         height=height,
         width=width,
+        dtypes=(dtype,) * count,
         nodatas=_per_band([stated, encoded], _NODATA_NAMES, None, count),
         scales=_per_band([stated], _SCALE_NAMES, 1.0, count),
         offsets=_per_band([stated], _OFFSET_NAMES, 0.0, count),
         descriptions=names,
+        units=(None,) * count,
+        colorinterp=("undefined",) * count,
         tags={"": {str(k): _text(v) for k, v in array.attrs.items() if k not in lists}},
         band_tags=tuple({"": t} for t in tags),
+        mask_flags=(("all_valid",),) * count,
+        block_shapes=(block,) * count,
         crs=_crs(array, grid),
         transform=_transform(array, grid, rows, columns),
     )

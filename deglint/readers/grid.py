@@ -36,7 +36,7 @@ def put_on_grid(infos: Sequence[RasterInfo], grid: str | int | None) -> tuple[li
             raise InputError(
                 f"{without[0]} has no {what} and another size than the other files. Give it one, or leave it out."
             )
-    areas = [_place(info, infos[0])[1] for info in infos]
+    areas = [_pixel_area(info, infos[0]) for info in infos]
     chosen = _choose(infos, areas, grid)
     reference = infos[chosen]
     files: list[FileBands] = []
@@ -89,35 +89,40 @@ def _transform(info: RasterInfo | Scene) -> Any:
 
 
 def overlap(info: RasterInfo, reference: RasterInfo) -> bool:
-    """Whether the bounds of two files overlap, in the CRS of `reference`; longitudes a turn apart are the same.
+    """Whether the bounds of two files overlap in the CRS of `reference`; InputError if they cannot be brought there.
 
-    Raises InputError if the bounds cannot be brought into this CRS.
+    If only `reference` is in degrees, longitudes a turn apart are the same: GDAL does not shift degrees to degrees.
     """
-    (left, bottom, right, top), (west, south, east, north) = (_place(i, reference)[0] for i in (info, reference))
-    turn = 360.0 if reference.crs is not None and reference.crs.is_geographic else 0.0
+    (left, bottom, right, top), (west, south, east, north) = (_bounds(i, reference) for i in (info, reference))
+    degrees = [i.crs is not None and i.crs.is_geographic for i in (info, reference)]
+    turn = 360.0 if degrees == [False, True] else 0.0
     beside = any(max(left + way, west) < min(right + way, east) for way in (-turn, 0.0, turn))
     return beside and max(bottom, south) < min(top, north)
 
 
-def _place(info: RasterInfo, first: RasterInfo) -> tuple[tuple[float, float, float, float], float]:
-    """Bounds (left, bottom, right, top) of a file, and the area of one of its pixels, in the CRS of file `first`."""
-    transform = _transform(info)
-    xs, ys = zip(*(at(transform, *corner) for corner in corners_of(info)), strict=True)
+def _pixel_area(info: RasterInfo, first: RasterInfo) -> float:
+    """Area of one pixel of a file, in the CRS of file `first`; it grows as the bounds do."""
+    own, there = (abs((b[2] - b[0]) * (b[3] - b[1])) for b in (_bounds(info, info), _bounds(info, first)))
+    return abs(float(_transform(info).determinant)) * (there / own if own else 1.0)
+
+
+def _bounds(info: RasterInfo, first: RasterInfo) -> tuple[float, float, float, float]:
+    """Bounds (left, bottom, right, top) of a file, in the CRS of file `first`."""
+    xs, ys = zip(*(at(_transform(info), *corner) for corner in corners_of(info)), strict=True)
     left, bottom, right, top = min(xs), min(ys), max(xs), max(ys)
-    area = abs(transform.determinant)
     if info.crs is not None and first.crs is not None and info.crs != first.crs:
         from rasterio.warp import transform_bounds
 
-        own = (right - left) * (top - bottom)
         try:
+            if left == right or bottom == top:
+                raise ArithmeticError("its pixels are too small for its coordinates")
             left, bottom, right, top = transform_bounds(info.crs, first.crs, left, bottom, right, top)
             right += 360.0 * (right < left)  # across 180 degrees
-            area *= abs((right - left) * (top - bottom)) / own
         except gdal_errors(ArithmeticError) as error:
             raise InputError(
                 f"{info.paths[0]} cannot be placed in the CRS of {first.paths[0]}: {one_line(error)}. Check its CRS."
             ) from error
-    return (left, bottom, right, top), area
+    return left, bottom, right, top
 
 
 def same_grid(info: RasterInfo, reference: RasterInfo | Scene) -> bool:
@@ -156,8 +161,7 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     `paths` are the GDAL names of the MSK_DETFOO files of Sentinel-2, one per band. Since processing baseline 04.00,
     these files are rasters; the GML files of older products are not read.
     """
-    infos = map(describe_file, paths)
-    each = [nearest_on(replace(info, nodatas=(0.0,) * info.count), grid) for info in infos]
+    each = [nearest_on(replace(info, nodatas=(0.0,) * info.count), grid) for info in map(describe_file, paths)]
     facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
     joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
     return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))

@@ -126,12 +126,14 @@ def _stacked(
     found, known, told = bands_of(info, stems, preset)
     if len(infos) > 1 or preset is not None or count:
         info = labelled(info, found)
-    place = {name: getattr(info, name) for name in ("height", "width", "crs", "transform")}
     return Scene(
         bands=tuple(found),
+        height=info.height,
+        width=info.width,
         source=RasterSource(files, info),
         path=", ".join(paths),
-        **place,
+        crs=info.crs,
+        transform=info.transform,
         sensor=known,
         notes=(*notes, *moved, *told),
         product=products.named(opened),

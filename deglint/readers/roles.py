@@ -110,9 +110,10 @@ def _no_nir(scene: Scene) -> str:
     what, known, bands = scene.path or "the scene", _wavelengths(scene), scene.describe_bands()
     alpha = getattr(getattr(scene.source, "info", None), "alpha", None)  # 1-based band of the file
     example = _example_of(scene, hidden=alpha is not None)
-    few = "one band" if len(known) == 1 and not alpha else f"no band beyond {_WATER:g} nm"
-    if few == "one band" or all(w is not None and w < _WATER for w in known):
+    alone = len(known) == 1 and not alpha
+    if alone or all(w is not None and w < _WATER for w in known):
         hidden = f' If band {alpha}, taken for alpha, is its NIR, say --bands "{example}".' if alpha else ""
+        few = "one band" if alone else f"no band beyond {_WATER:g} nm"
         return (
             f"no near-infrared band in {what}: it has {few} ({bands}), so that no method that follows the near "
             "infrared can remove its glint. What can be done: stack a NIR band of the same image with it (deglint "

@@ -231,10 +231,13 @@ def _percentiles(blocks: list[Block], nodatas: Sequence[float | None], percent: 
     """Percentile `percent` of each band's valid file values, except where all bands are 0; infinite if none is left."""
     out = []
     for band, nodata in enumerate(nodatas):
-        parts = []
-        for _, raw, valid in blocks:
-            kept = (raw != 0).any(axis=0) & np.isfinite(raw[band]) & (True if valid is None else valid[band])
-            parts.append(raw[band][kept if nodata is None else kept & (raw[band] != nodata)])
-        values = np.concatenate(parts)
+        values = np.concatenate([raw[band][_kept(raw, valid, band, nodata)] for _, raw, valid in blocks])
         out.append(float(np.percentile(values, percent)) if values.size else math.inf)
     return out
+
+
+def _kept(raw: Any, valid: Any, band: int, nodata: float | None) -> Mask:
+    kept: Mask = (raw != 0).any(axis=0) & np.isfinite(raw[band])
+    if valid is not None:
+        kept &= valid[band]
+    return kept if nodata is None else kept & (raw[band] != nodata)

@@ -256,6 +256,7 @@ def experiments(
     for place, (wind, (zenith, turn)) in enumerate(product(winds, LOOKS)):
         azimuth, seed = (base.sun_azimuth + turn) % 360, base.seed + place
         for delay, f_number in product(delays, F_NUMBERS):
-            name = f"wind{wind:02g}_delay{1000 * delay:03g}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
+            ms = f"{1000 * delay:013.9f}".rstrip("0").rstrip(".")  # such as 060 or 000.25
+            name = f"wind{wind:02g}_delay{ms}_view{zenith:02g}_{turn:03g}_f{f_number:g}"
             sensor = replace(base.sensor.delayed(delay), f_number=f_number)
             yield name, replace(base, wind=wind, view_zenith=zenith, view_azimuth=azimuth, seed=seed, sensor=sensor)
