@@ -169,7 +169,8 @@ def choose(
     """
     if _too_small(sample):
         return Choice(WIENER, width=width)
-    if not (judged := [b for b in correct if _varies(sample, b)]):
+    judged = [b for b in correct if np.ptp(sample.values([s.image[b] for s in sample.states])) > 0]  # not a dead band
+    if not judged:
         return Choice(Candidate("copy", "copy"), failed={"wiener": "no band varies over the sample"}, width=width)
     level, disc = _levels(sample, len(setting.bands)), min(width, LARGEST_DISC)
     unit = np.where(np.isin(np.arange(len(level)), judged), level, np.float32(np.inf))
@@ -303,11 +304,6 @@ def _check(fitted: FittedChain, fine: Float32 | None) -> None:
         _refuse_sky(fitted, fine)
     if not all(stage.resolved for stage in fitted.chain.after if isinstance(stage, Posterior)):
         raise FitError("strong glint leaves not much more variation than weak glint: it may be texture of the water")
-
-
-def _varies(sample: Sample, band: int) -> bool:
-    """Whether a 0-based band has more than one value in the sample; a dead band has not."""
-    return bool(np.ptp(sample.values([s.image[band] for s in sample.states])) > 0)
 
 
 def _too_small(sample: Sample) -> bool:

@@ -236,7 +236,7 @@ def claimed(directory: Path) -> Iterator[None]:
     """Lock a directory, where locks exist, against other batches in the `with` block; WriteError if another has it."""
     path = directory / ".deglint-batch.lock"
     with contextlib.ExitStack() as stack:
-        for _ in range(3):
+        while True:
             file = stack.enter_context(path.open("wb"))
             try:
                 if sys.platform == "win32":

@@ -301,9 +301,8 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
 
 
 def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], learnt: Sequence[_Learnt], side: int) -> LevelSample:
-    """Values from which the levels of `some` bands, indices (band,), are determined.
-
-    `side`: width of the squares of the local means [pixel]
+    """Values from which levels are determined, of the bands with the indices `some`; local means are of squares of
+    `side` pixels.
     """
     import cv2
 
