@@ -6,7 +6,6 @@ written. Commands are whole processes, beside a copy of the file's blocks. Every
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import time
@@ -26,7 +25,6 @@ from deglint.pipeline.correct import Correction, correction
 from deglint.pipeline.fit import fit_scene
 from deglint.pipeline.overview import raster_of
 from deglint.pipeline.recipe import Recipe
-from deglint.pipeline.run import one_thread_each
 from deglint.raster.environment import enter_thread, environment
 from deglint.raster.simulated import write_scene
 from deglint.raster.source import ArraySource
@@ -124,7 +122,7 @@ def commands(scene: Path, place: Path, rounds: int) -> list[list[str]]:
         "deglint remove": [python, "-m", "deglint", "remove", "-q", str(scene), out],
         "deglint remove --compensate off": [python, "-m", "deglint", "remove", "-q", "--compensate", "off",
                                             str(scene), out],
-    }, rounds, [out + "*"], {"OMP_NUM_THREADS": "1"})  # fmt: skip
+    }, rounds, [out + "*"])  # fmt: skip
     copies, rows = found["block copy"], []
     for name, runs in found.items():
         if isinstance(runs, str) or isinstance(copies, str):
@@ -142,10 +140,9 @@ def _spread(values: list[float]) -> str:
 
 def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
     """Measure and print."""
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     rounds = rounds or (2 if quick else 5)
     print("## Rates\n\n" + machine())
-    with tempfile.TemporaryDirectory(dir=directory) as name, environment(), one_thread_each():
+    with tempfile.TemporaryDirectory(dir=directory) as name, environment(), tiling.one_thread_each():
         place = Path(name)
         part = 512 if quick else 1024
         small, side = base(place, part), 2 * part

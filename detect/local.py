@@ -21,7 +21,7 @@ import numpy as np
 
 from deglint.checks import check_choice, check_number, checked_keywords
 from deglint.errors import InputError
-from deglint.tiles import Tile
+from deglint.tiles import Tile, one_thread_each
 
 from .arrays import Array, Float64, Int64, Mask, Scores, Uint8
 from .background import as_image, as_mask, check_range, check_rule
@@ -124,9 +124,8 @@ def local_rx(
     if flags is not None and (flags.shape != size or flags.dtype != np.uint8):
         raise InputError(f"flags: want a uint8 array of shape {size}, got {flags.dtype} of shape {flags.shape}.")
     import scipy.linalg.lapack  # noqa: F401  a library that is loaded later is not limited
-    from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, user_api="blas"):  # a ring's matrices are small: threads would wait for each other
+    with one_thread_each():  # a ring's matrices are small: threads would wait for each other
         whole = Tile(0, size[0], 0, size[1])
         scores, states = score_part(image, rule, whole, whole, mask, threads=threads)
     if flags is not None:

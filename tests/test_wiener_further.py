@@ -52,8 +52,14 @@ def test_a_red_edge_band_does_not_serve_over_a_bottom_that_is_weaker_than_its_no
 
 def test_a_reference_with_which_nothing_is_significant_does_not_serve(monkeypatch):
     request, tiles = parts(sparkle_over_bottom()[0])
-    model = wiener.fit(request, tiles)
-    monkeypatch.setattr(further, "fit", lambda asked, _: replace(model, fits=()) if asked.more else model)
+    fitted = further.fit_without_levels
+
+    def insignificant(ready):
+        model, slopes = fitted(ready)
+        return (replace(model, fits=()) if ready.request.more else model), slopes
+
+    assert more_references(request, tiles) == (2,)
+    monkeypatch.setattr(further, "fit_without_levels", insignificant)
     assert more_references(request, tiles) == ()
 
 

@@ -66,6 +66,7 @@ class Fitted:
 
 
 @checked_keywords()
+@tiling.one_thread_each()
 def fit_scene(
     scene: Scene,
     recipe: Recipe | None = None,

@@ -1,8 +1,7 @@
 """Process a file: open it, fit (or use a saved model), correct tile by tile, write the output and its sidecar."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from operator import index
@@ -45,6 +44,7 @@ WRITING = ("model_file", *(f.name for f in fields(Outputs) if f.name not in ("im
 
 
 @checked_keywords(*READING, "chain", *WRITING)
+@tiling.one_thread_each()
 def remove_glint(
     source: str | Path | Sequence[str | Path],
     image: str | Path | Outputs,
@@ -198,7 +198,7 @@ def _write_tiles(
     tally = PixelCounts()
     images = {"raw": (targets.image, image)} | beside(work, targets, sky)
     options: dict[str, Any] = {"progress": partial(run.progress, "correct"), "start": enter_thread}
-    with one_thread_each(), writing_all(scratch, images) as writers:
+    with writing_all(scratch, images) as writers:
         for tile, done in (run.cluster or tiling).run(everything, work, threads=at_once, **options):
             for what, writer in writers.items():
                 writer.write(getattr(done, what), tile.window)
@@ -208,20 +208,8 @@ def _write_tiles(
     return tally
 
 
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Context in which OpenCV uses one thread only, as several tiles are processed at a time."""
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
-
-
 @checked_keywords()
+@tiling.one_thread_each()
 def correct(scene: Scene, fitted: Fitted, *, window: Window | None = None, mask: str | None = None) -> FloatArray:
     """Correct a scene, or a window of it, in memory, as `remove_glint` does, but without rounding to a file type.
 

@@ -8,9 +8,9 @@ import numpy as np
 from ..moments import Mask
 from ..scene import FloatArray
 from .noise import noise
-from .predict import glint
+from .predict import predictions
 from .request import FitRequest
-from .wiener import SampleTile, fit
+from .wiener import Prepared, SampleTile, fit_without_levels, prepare
 
 FURTHER_FROM = 680.0
 """Shortest wavelength of further references [nm]: from here on water absorbs half of the light within .7 m. Red bands
@@ -31,7 +31,12 @@ def more_references(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[i
     where there is less glint may be signal. If it changes more than it removes, or in any band more than `MOST_MOVED`
     times the noise, this is repeated without the shortest red edge.
     """
-    return longest_that(request, lambda more: _harmless(request, tiles, more))
+    longest = longest_that(request, lambda _: True)
+    if not longest:
+        return ()
+    ready = prepare(replace(request, more=longest), tiles[:: max(len(tiles) // TEST_TILES, 1)])
+    plain = _predicted(ready, ())
+    return longest_that(request, lambda more: _harmless(ready, plain, more))
 
 
 def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
@@ -43,34 +48,41 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
     return tuple(more)
 
 
-def _harmless(request: FitRequest, tiles: Sequence[SampleTile], more: tuple[int, ...]) -> bool:
+def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
+    """Glint, plus a constant, that references `more` (0-based bands) predict in each tile, (band, row, column); bands as
+    in `FitRequest.correct`. The list is empty if nothing would be corrected.
+    """
+    model, _ = fit_without_levels(ready._replace(request=replace(ready.request, more=more)))
+    slopes = np.array([f.slope for f in model.fits], np.float32)[:, None, None]
+    tiles = ready.tiles if model.fits else []
+    return [slopes * np.stack(list(predictions(t.references, model, t.origin))) for t in tiles]
+
+
+def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -> bool:
     """Whether the references `more` (0-based bands) change the local means of the removal little, as `more_references`
-    says. False if nothing could be tested, or if all corrected bands are references.
+    says. False if nothing could be tested, or if all corrected bands are references. `plain`: `_predicted` without.
 
     The change is a variance over the half of the pixels with less glint. What is removed is taken over the same pixels
     or over all, whichever is more. Both are relative to the variance about local means, and summed over bands.
     """
-    tiles = tiles[:: max(len(tiles) // TEST_TILES, 1)]
-    plain, longer = (fit(replace(request, more=m, level_error=False), tiles) for m in (request.more, more))
-    shorter = [f.band for f in longer.fits if f.band not in more]
+    shorter = [k for k, band in enumerate(ready.request.correct) if band not in more]
+    inside, longer = [t.sample for t in ready.tiles], _predicted(ready, more)
+    if not plain or not longer or not shorter or not any(m.any() for m in inside):
+        return False
     parts: list[FloatArray] = []  # (band, part, pixel) of each tile; the parts are those of `_parts`
     less_glint: list[Mask] = []  # (pixel,) of each tile
-    inside = [t.sample & np.isfinite(t.block).all(axis=0) for t in tiles]
-    if not plain.fits or not shorter or not any(m.any() for m in inside):
-        return False
-    for tile, mask in zip(tiles, inside, strict=True):
-        before, after = (glint(tile.block, m, tile.water, tile.origin)[0] for m in (plain, longer))
-        strength = np.sum([before[b] for b in shorter], axis=0)[mask]
+    for tile, before, after in zip(ready.tiles, plain, longer, strict=True):
+        strength, mask = before[shorter].sum(axis=0)[tile.sample], tile.sample
         less_glint.append(strength <= (np.median(strength) if strength.size else 0))
-        bands = (_parts(tile.block[b] - before[b], before[b] - after[b], mask) for b in shorter)
+        bands = (_parts(tile.bands[k] - before[k], before[k] - after[k], mask) for k in shorter)
         parts.append(np.stack([b[:, mask] for b in bands]))
     every = np.concatenate(parts, axis=-1)
     fine, left, _ = every.var(axis=-1).T
     fine_of_less, left_of_less, moved = every[..., np.concatenate(less_glint)].var(axis=-1).T
     unit = np.maximum(fine, np.finfo(np.float64).tiny)
     removed = max(np.sum((fine - left) / unit), np.sum((fine_of_less - left_of_less) / unit))
-    water = [np.where(m, t.block, 0).astype(np.float32) for t, m in zip(tiles, inside, strict=True)]
-    limit = [(MOST_MOVED * noise([block[b] for block in water], inside)) ** 2 for b in shorter]
+    water = [np.where(t.sample, t.bands, 0).astype(np.float32) for t in ready.tiles]
+    limit = [(MOST_MOVED * noise([block[k] for block in water], inside)) ** 2 for k in shorter]
     return bool(np.sum(moved / unit) <= removed and (moved <= limit).all())
 
 

@@ -16,7 +16,7 @@ for a wrong water mask, and over very shallow water, where the NIR shows the bot
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,15 @@ class _Learnt:
     origin: tuple[int, int]  # row and column of the tile in the scene
 
 
+class Prepared(NamedTuple):
+    """A request and a sample that is ready for fits: the rule of each reference, by its 0-based band, and the tiles."""
+
+    request: FitRequest
+    rules: dict[int, ReferenceRule]
+    tiles: list[_Learnt]
+    notes: tuple[str, ...]  # warnings for the model
+
+
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of degenerate samples, which are refused
 def fit(
     request: FitRequest, tiles: Sequence[SampleTile], *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
@@ -92,10 +101,25 @@ def fit(
     Stationary Time Series, MIT Press (least squares over a neighbourhood); Efron, Stein (1981), Annals of Statistics 9,
     586-596, doi:10.1214/aos/1176345462 (jackknife).
     """
+    ready = prepare(request, tiles)
+    model, of_glint = fit_without_levels(ready, strips=strips)
+    return _with_level(model, of_glint, ready.tiles, ready.request) if model.fits else model
+
+
+def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
+    """Prepare the tiles of a sample for fits with the references of `request`, or some of its further references."""
     request, notes = _without_constant(request, tiles)
+    rules = _rules(request, tiles, list(dict.fromkeys(r for s in band_sets(request) for r in s.references)))
+    return Prepared(request, rules, _trusted([_learnt(tile, request, rules) for tile in tiles], request), notes)
+
+
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # as in `fit`
+def fit_without_levels(
+    ready: Prepared, *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
+) -> tuple[GlintModel, Float64]:
+    """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
+    request, rules, learnt, notes = ready
     sets = band_sets(request)
-    rules = _rules(request, tiles, list(dict.fromkeys(r for s in sets for r in s.references)))
-    learnt = _trusted([_learnt(tile, request, rules) for tile in tiles], request)
     grams = [_gathered(s, learnt, request) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
@@ -120,8 +144,8 @@ def fit(
     if not sure or left > 1 - kernels.WORTH:
         why = ": they share no glint" if sure else ", which is not significant"
         said = f"the NIR takes {max(1 - left, 0):.1%} off the noise of the bands{why}. Nothing was corrected."
-        return replace(model, fits=(), references=(), warnings=(*notes, said))
-    return _with_level(model, common.of_glint, learnt, request)
+        model = replace(model, fits=(), references=(), warnings=(*notes, said))
+    return model, common.of_glint
 
 
 def _without_constant(request: FitRequest, tiles: Sequence[SampleTile]) -> tuple[FitRequest, tuple[str, ...]]:

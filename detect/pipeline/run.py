@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from deglint import __version__
 from deglint import tiles as tiling
 from deglint.checks import checked_keywords
@@ -128,7 +126,7 @@ def score_file(
     targets = Outputs(Path(image), **outputs)
     threads = tiling.default_threads(threads)
     targets.check(recipe)
-    with environment(), threadpool_limits(1, user_api="blas"):  # tiles already occupy all threads
+    with environment(), tiling.one_thread_each():
         given = [os.fspath(s) for s in ([source] if isinstance(source, (str, os.PathLike)) else source)]
         files = [file for name in given for file in files_of(name)]
         named = {"--background": recipe.background, "--mask": recipe.mask, "--sensor": str(reading.get("sensor") or "")}
