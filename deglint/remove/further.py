@@ -49,8 +49,8 @@ def longest_that(request: FitRequest, serve: Callable[[tuple[int, ...]], bool]) 
 
 
 def _predicted(ready: Prepared, more: tuple[int, ...]) -> list[FloatArray]:
-    """Glint, plus a constant, that references `more` (0-based bands) predict in each tile, (band, row, column); bands as
-    in `FitRequest.correct`. The list is empty if nothing would be corrected.
+    """Glint, plus a constant, that references `more` (0-based bands) predict in each tile, (band, row, column).
+    The bands are those of `FitRequest.correct`. The list is empty if nothing would be corrected.
     """
     model, _ = fit_without_levels(ready._replace(request=replace(ready.request, more=more)))
     slopes = np.array([f.slope for f in model.fits], np.float32)[:, None, None]

@@ -10,7 +10,7 @@ its window on each reference. The fit is repeated without each group of squares 
 left out select the support (cross-validation), the scatter of responses gives their covariance (jackknife).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 from typing import NamedTuple, Self
 
@@ -21,7 +21,6 @@ from ..errors import FitError
 from ..moments import CELL, Float64, Mask
 from ..morphology import eroded, squares
 from ..scene import FloatArray
-from .detrend import detrend_plane
 from .reference import LEAST_OPEN
 
 SIDE = 5  # side of the largest kernel [pixel]; kernels of 7 pixels were no better on any scene
@@ -71,46 +70,47 @@ class LagGrams(NamedTuple):
         return [c for reference, side in enumerate(support) for c in self.columns(reference, side)]
 
 
+def kernel_squares(sample: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
+    """Yield the squares of `CELL` x `CELL` pixels in which enough pixels can be used for fitting: (row, column) slices,
+    and a mask of these pixels, around which the largest kernel (`SIDE`) covers only pixels of the `sample`.
+    """
+    inner = eroded(sample, SIDE)
+    return ((s, inner[s]) for s in squares(sample.shape, CELL) if inner[s].sum() >= LEAST_OPEN * CELL**2)
+
+
 def gather(
     references: Sequence[FloatArray],
     bands: Sequence[FloatArray],
     sample: Mask,
     *,
     sides: Sequence[int],
-    size: int,
     origin: tuple[int, int] = (0, 0),
     weight: FloatArray | None = None,
 ) -> LagGrams:
     """Compute the Gram matrix of each square of `CELL` x `CELL` pixels of a tile, with the variables of `LagGrams`.
 
     references, bands : arrays (row, column) of the tile, one for each reference and band to predict
-    sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. A pixel
-        counts if the largest kernel (`SIDE`) around it covers only such pixels; squares with few of them are left out
+    sample : (row, column), True where pixels can be used for fitting; references and bands are finite there. Only the
+        pixels of `kernel_squares` count
     sides : side of the largest kernel to be fitted to each reference, odd, at most `SIDE` [pixel]
-    size : side of the window around each pixel in which a plane is fitted [pixel]. This local plane is subtracted from
-        references and bands before products are computed; 0: nothing is subtracted
     origin : row and column in the scene of the first pixel of the tile [pixel]
     weight : (row, column) weight of each pixel in the sums; 1 by default
     """
-    stack = np.stack([*references, *bands])
-    values = detrend_plane(stack, sample, size) if size else stack.astype(np.float64)
+    values = np.stack([*references, *bands]).astype(np.float64)
     values[:, ~sample] = 0.0
     reach = (KERNEL_REACH, KERNEL_REACH)
     padded = np.pad(values[: len(references)], ((0, 0), reach, reach))
-    inner = eroded(sample, SIDE)
     grams, pixels, places = [], [], []
-    for cell in squares(sample.shape, CELL):
-        mask, top, left = inner[cell], cell[0].start, cell[1].start
-        if mask.sum() < LEAST_OPEN * CELL**2:
-            continue
+    for cell, mask in kernel_squares(sample):
+        top, left = cell[0].start, cell[1].start
         shifted = [
             padded[r, y : y + mask.shape[0], x : x + mask.shape[1]]
             for r, side in enumerate(sides)
             for y, x in (np.array(offsets(side)) + KERNEL_REACH + (top, left)).tolist()
         ]
-        variables = np.stack([*shifted, *values[len(references) :, *cell]], axis=1)
+        variables = np.stack([*shifted, *values[len(references) :, *cell]]).reshape(-1, mask.size)
         weights = np.where(mask, 1.0 if weight is None else weight[cell].astype(np.float64), 0.0)
-        grams.append(_gram(variables, weights))
+        grams.append(_gram(variables, weights.ravel()))
         pixels.append(int(mask.sum()))
         places.append((origin[0] + top, origin[1] + left))
     count = sum(side * side for side in sides) + len(bands)
@@ -123,13 +123,10 @@ def gather(
 
 
 def _gram(variables: Float64, weight: Float64) -> Float64:
-    """Weighted Gram matrix of variables (row, variable, column) minus their means; `weight` is (row, column).
-    Products are computed by rows: for a whole square BLAS would start threads that compete with the threads for tiles.
-    """
-    mean = np.einsum("rvc,rc->v", variables, weight) / weight.sum()
-    centred = variables - mean[:, None]
-    weighted = centred * weight[:, None, :]
-    return np.asarray((weighted @ centred.transpose(0, 2, 1)).sum(axis=0))
+    """Weighted Gram matrix of variables (variable, pixel) minus their means; `weight` is (pixel,)."""
+    centred = variables - (variables @ weight / weight.sum())[:, None]
+    centred *= np.sqrt(weight)
+    return np.asarray(centred @ centred.T)
 
 
 def merge(parts: Sequence[LagGrams]) -> LagGrams:

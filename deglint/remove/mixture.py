@@ -89,7 +89,7 @@ def _fitted(
     """Fit kernels of each band on bands `nir`, and on those of `more` of longer wavelength (0-based); levels are 0."""
     every = (*nir, *more)
     sides = [MIXTURE_SIDE] * len(every)
-    parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides, size=0) for t in tiles]
+    parts = [gather([*t.block[[*every]]], [*t.block[[*request.correct]]], t.sample, sides=sides) for t in tiles]
     grams = merge(parts)
     if not len(grams.grams):
         raise FitError("too little water in one piece to fit a removal to. Pass --sample with a piece of open water.")

@@ -26,8 +26,8 @@ from ..moments import CELL, Float64, Mask
 from ..morphology import box_sum, grown
 from ..scene import Band, FloatArray
 from . import kernels
-from .detrend import LOCAL_MEAN, detrend
-from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, merge, offsets
+from .detrend import LOCAL_MEAN, detrend, detrend_plane
+from .kernels import BandSet, KernelFit, LagGrams, fit_kernels, gather, joined, kernel_squares, merge, offsets
 from .levels import AVERAGED, LevelSample, apart_from_sparkle, floors, shared_level, shared_level_error
 from .model import BandFit, GlintIndex, GlintModel
 from .noise import faint_weight
@@ -69,8 +69,10 @@ class _Learnt:
     references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
     bands: list[FloatArray]  # (row, column) of each band to correct
     sample: Mask  # (row, column): pixels for the level
-    teaches: Mask  # (row, column): pixels for the kernels
     origin: tuple[int, int]  # row and column of the tile in the scene
+    teaches: Mask  # (row, column): pixels for the kernels
+    flat: Float64  # (plane, row, column): references, then bands, minus local planes over `teaches` unless "ols"
+    weights: dict[int, FloatArray]  # (row, column) by NIR band: weight of each pixel in a fit to faint glint, else {}
 
 
 class Prepared(NamedTuple):
@@ -120,7 +122,7 @@ def fit_without_levels(
     """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
     request, rules, learnt, notes = ready
     sets = band_sets(request)
-    grams = [_gathered(s, learnt, request) for s in sets]
+    grams = [_gathered(s, learnt) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
             "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
@@ -175,23 +177,20 @@ def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
-    grams = _gathered(band_sets(request)[0], [_learnt(tile, request, rules)], request)
+    learnt = _learnt(tile, request, rules)
+    grams = _gathered(band_sets(request)[0], [_for_kernels(learnt, learnt.sample, request)])
     return grams.places, second_is_better(grams, pair)
 
 
-def _gathered(band_set: BandSet, learnt: Sequence[_Learnt], request: FitRequest) -> LagGrams:
-    """Gram matrices of squares for a set of bands, without pixels that `_trusted` excludes unless no square is left."""
-    size = 0 if request.regression == "ols" else LOCAL_MEAN
+def _gathered(band_set: BandSet, learnt: Sequence[_Learnt]) -> LagGrams:
+    """Gram matrices of squares for a set of bands."""
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
-    for outliers in (False, True):
-        parts = []
-        for t in learnt:
-            references, bands = [t.references[r] for r in band_set.references], [t.bands[b] for b in band_set.bands]
-            sample = t.sample if outliers else t.teaches
-            weight = faint_weight(references[0], t.sample) if request.faint else None
-            parts.append(gather(references, bands, sample, sides=sides, size=size, origin=t.origin, weight=weight))
-        if any(len(p.grams) for p in parts):
-            break
+    parts = []
+    for t in learnt:
+        of_reference = [t.flat[list(t.references).index(r)] for r in band_set.references]
+        of_band = [t.flat[len(t.references) + b] for b in band_set.bands]
+        weight = t.weights.get(band_set.references[0])
+        parts.append(gather(of_reference, of_band, t.teaches, sides=sides, origin=t.origin, weight=weight))
     return merge(parts)
 
 
@@ -242,22 +241,36 @@ def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRul
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
         if exceeds is not None:
             sample = sample & ~exceeds
-    return _Learnt(references, [tile.block[b] for b in request.correct], sample, sample, tile.origin)
+    bands = [tile.block[b] for b in request.correct]
+    return _Learnt(references, bands, sample, tile.origin, sample, np.empty((0, *sample.shape)), {})
 
 
 def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
-    """Exclude outliers, and water where the NIR shows the bottom, from the pixels to which kernels are fitted.
+    """Prepare tiles for the fit of kernels, without outliers, and without water where the NIR shows the bottom unless
+    no square of pixels would be left.
 
     In a fit to faint glint outliers have little weight (`faint_weight`) instead. If waves are resolved, what looks like
     bottom may be glint, and is not excluded.
     """
-    high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
     inside = [t.sample for t in learnt]
-    if not request.faint:
-        inside = _without_outliers(high, inside)
-    if not request.resolved and any(i.any() for i in inside):
-        inside = _without_bottom(high, inside, len(learnt[0].references))
-    return [replace(t, teaches=i) for t, i in zip(learnt, inside, strict=True)]
+    if not (request.faint and request.resolved):
+        high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
+        if not request.faint:
+            inside = _without_outliers(high, inside)
+        if not request.resolved and any(i.any() for i in inside):
+            inside = _without_bottom(high, inside, len(learnt[0].references))
+    if not any(any(kernel_squares(i)) for i in inside):
+        inside = [t.sample for t in learnt]
+    return [_for_kernels(t, i, request) for t, i in zip(learnt, inside, strict=True)]
+
+
+def _for_kernels(tile: _Learnt, teaches: Mask, request: FitRequest) -> _Learnt:
+    """The tile with all that a fit of kernels to the pixels `teaches` needs."""
+    flat = np.stack([*tile.references.values(), *tile.bands]).astype(np.float64)
+    if request.regression != "ols":
+        flat = detrend_plane(flat, teaches)
+    weights = {r: faint_weight(tile.references[r], tile.sample) for r in {*request.nir}} if request.faint else {}
+    return replace(tile, teaches=teaches, flat=flat, weights=weights)
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
