@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, TypeVar
@@ -30,6 +31,7 @@ COMPACT = 512  # usual side of tiles for work that needs a halo and many copies 
 MOST_WITH_HALO = 3 << 20
 """Most values in a tile of `compact` with its halo: removal keeps a prediction for every band in memory. With 5 << 20,
 two threads need 310 MB instead of 225 MB, and the same time."""
+_LOCK, _LIMITS, _contexts = threading.Lock(), ExitStack(), 0  # of `one_thread_each`: its open contexts, what ends them
 LONGEST_SIDE = 1024  # longest side of a tile [pixel], unless the blocks of the file are strips
 
 
@@ -147,18 +149,25 @@ def default_threads(threads: int | None = None) -> int:
 def one_thread_each() -> Iterator[None]:
     """Context (also a decorator) in which OpenCV and BLAS use one thread each, while tiles occupy all processors.
 
-    Threads of BLAS wait in busy loops: without this, they double the time of a fit on two processors.
+    Threads of BLAS wait in busy loops: without this, they double the time of a fit on two processors. The limits end
+    with the last of contexts that overlap, as several threads may call this package.
     """
     import cv2
     from threadpoolctl import threadpool_limits
 
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
+    global _contexts
+    with _LOCK:
+        _contexts += 1
+        _LIMITS.callback(cv2.setNumThreads, cv2.getNumThreads())
+        cv2.setNumThreads(1)
+        _LIMITS.enter_context(threadpool_limits(1, user_api="blas"))
     try:
-        with threadpool_limits(1, user_api="blas"):
-            yield
+        yield
     finally:
-        cv2.setNumThreads(before)
+        with _LOCK:
+            _contexts -= 1
+            if not _contexts:
+                _LIMITS.close()
 
 
 def affordable(threads: int, tile: tuple[int, int], bands: int) -> int:

@@ -4,11 +4,13 @@ import math
 import threading
 import time
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import deglint as library
 from deglint import METHODS, Recipe, remove_glint, tiles
@@ -219,6 +221,31 @@ RECIPES = {
     "theil-sen": Recipe(method="hedley", regression="theil-sen", sample="150,150,60,90", mask="none"),
     "huber": Recipe(method="lyzenga", regression="huber", sample="150,150,60,90", mask="none"),
 }
+
+
+def threads_of_libraries():
+    return [cv2.getNumThreads(), *(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")]
+
+
+def test_libraries_have_one_thread_each_while_a_fit_runs(sea, write, tmp_path):
+    seen, before = [], threads_of_libraries()
+    with threadpool_limits(2, user_api="blas"):
+        scene = library.open_scene(write(tmp_path / "in.tif", scene_of(sea), nodata=0))
+        library.fit_scene(scene, threads=2, progress=lambda *_: seen.append(threads_of_libraries()))
+        assert set(threads_of_libraries()[1:]) == {2}
+    assert seen and all(set(counts) == {1} for counts in seen)
+    assert threads_of_libraries() == before
+
+
+def test_libraries_get_their_threads_back_when_the_last_of_several_jobs_ends():
+    with threadpool_limits(2, user_api="blas"):
+        before, (first, second) = threads_of_libraries(), (tiles.one_thread_each() for _ in range(2))
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert set(threads_of_libraries()) == {1}
+        second.__exit__(None, None, None)
+        assert threads_of_libraries() == before
 
 
 @pytest.mark.slow

@@ -188,7 +188,7 @@ def choose(
     pairs = {c: (done[c, False], done[c, True]) for c in todo}
     runs = {c: (p, m) for c, (p, m) in pairs.items() if isinstance(p, _Run) and isinstance(m, _Run)}
     failed = {c.name: str(p if isinstance(p, FitError) else m) for c, (p, m) in pairs.items() if c not in runs}
-    trials = _judged(runs, sample, added, unit, setting)
+    trials = _judged(runs, sample, added, unit, setting, each)
     if not np.isfinite(trials[0].error):  # numbers beyond float32: not even a copy can be judged
         return Choice(WIENER, failed=failed, width=disc)
     return Choice(_best(trials, delayed=setting.delayed).candidate, tuple(trials), failed, disc)
@@ -214,21 +214,24 @@ def _judged(
     added: Sequence[Implants],
     unit: Float32,
     setting: Setting,
+    each: Callable[..., Iterable[Any]],
 ) -> list[Trial]:
     """Trial of each pair of runs, without and with the signals `added`; its error is infinite if it cannot be computed.
-    `added` and `unit` are as in `gains`.
+    `added` and `unit` are as in `gains`, `each` as in `choose`.
     """
     runs = {c: plain for c, (plain, _) in pairs.items()}
     inside = _without_targets(without_shore(sample), list(runs.values()))
-    trials = []
-    for c, (plain, marked) in pairs.items():
-        responses = [b - a for a, b in zip(plain.images, marked.images, strict=True)]
-        power = tuple(powers(plain.images, inside, unit).tolist())
-        trials.append(Trial(c, power, gains(responses, added, inside, unit)))
+
+    def measured(candidate: Candidate) -> Trial:
+        plain, marked = (run.images for run in pairs[candidate])
+        responses = [b - a for a, b in zip(plain, marked, strict=True)]
+        return Trial(candidate, tuple(powers(plain, inside, unit).tolist()), gains(responses, added, inside, unit))
+
+    trials = list(each(measured, pairs))
     left, spectrum = np.array([t.power for t in trials]), _spectrum(setting)
     errors = expected_errors(
         left,
-        _limits(left, runs, inside, unit, setting),
+        _limits(left, runs, inside, unit, setting, each),
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
@@ -246,12 +249,20 @@ def _judged(
 
 
 def _limits(
-    power: Float64, runs: dict[Candidate, _Run], inside: Sequence[Mask], unit: Float32, setting: Setting
+    power: Float64,
+    runs: dict[Candidate, _Run],
+    inside: Sequence[Mask],
+    unit: Float32,
+    setting: Setting,
+    each: Callable[..., Iterable[Any]],
 ) -> tuple[Float64, Float64]:
     """Argument `limits` of `expected_errors`; `power`, (recipe, scale), is the power over all pixels."""
-    partner_of, clear = partners(setting, unit), _clear(runs, inside)
-    shared = np.array([powers(r.images, inside, unit, (), partner_of) for r in runs.values()]) if partner_of else power
-    return shared, np.array([powers(r.images, inside, unit, clear, partner_of) for r in runs.values()])
+    partner_of, images = partners(setting, unit), [r.images for r in runs.values()]
+
+    def of(clear: Sequence[Mask]) -> Float64:
+        return np.array(list(each(lambda i: powers(i, inside, unit, clear, partner_of), images)))
+
+    return of(()) if partner_of else power, of(_clear(runs, inside))
 
 
 def _spectrum(setting: Setting) -> Float32 | None:

@@ -194,13 +194,11 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Poster
 
 def clump_width(sample: Sample, band: int) -> int:
     """Width of a clump of glint in a 0-based band [pixel]: twice the lag at which the autocorrelation is 1/2, or 64."""
-    import scipy.fft
-
     total = np.zeros(WIDEST_CLUMP)
     for state in sample.states:
         plane = state.raw[band]
         high = plane - cv2.blur(plane, (4 * WIDEST_CLUMP + 1,) * 2)
-        lags = scipy.fft.irfft2(np.abs(scipy.fft.rfft2(high)) ** 2, s=high.shape)
+        lags = np.fft.irfft2(np.abs(np.fft.rfft2(high)) ** 2, s=high.shape)
         n = min(WIDEST_CLUMP, *high.shape)
         total[:n] += lags[0, :n] + lags[:n, 0]
     below = total < total[0] / 2

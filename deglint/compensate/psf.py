@@ -1,7 +1,7 @@
 """The point spread function (PSF) of a band: the image of a point source, blurred by optics, detector and motion."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -43,12 +43,16 @@ class PSF:
         """Radius of the kernel [pixel]: ``(side - 1) / 2``."""
         return len(self.kernel) // 2
 
+    @cached_property
+    def _svd(self) -> tuple[Float64, Float64, Float64]:
+        return np.linalg.svd(self.kernel)
+
     def factors(self, rank: int = 1) -> list[tuple[Float64, Float64]]:
         """Approximate the kernel by a sum of outer products; return its pairs of vectors (down, across), (side,) each.
 
         There are `rank` pairs, or fewer for a small kernel. The least-squares approximation is scaled to a sum of 1.
         """
-        left, values, right = np.linalg.svd(self.kernel)
+        left, values, right = self._svd
         pairs = [(left[:, i] * values[i], right[i]) for i in range(min(rank, len(values)))]
         total = sum(down.sum() * across.sum() for down, across in pairs)
         return [(down / total, across) for down, across in pairs]

@@ -64,10 +64,12 @@ def fit(
     """
     nir = tuple(dict.fromkeys(b for i in request.indexes for b in i.bands))
     longer = longest_that(request, lambda more: _plume_gain(request, tiles, nir, more) >= LEAST_KEPT)
-    model = _fitted(request, tiles, nir, longer)
+    model, every = _fitted(request, tiles, nir, longer), (*nir, *longer)
+    measured = (fit_reference(((t.block[r], t.sample) for t in tiles), r) for r in every)
+    rules = tuple(replace(rule, limit=np.inf, least=np.inf) for rule in measured)  # no pixel is too bright for glint
     parts = []
     for tile in tiles:
-        references = {r.band: tile.block[r.band] for r in model.references}
+        references = {r: tile.block[r] for r in every}
         parts.append(np.stack([p[tile.sample] for p in predictions(references, model)]))
     found = np.concatenate(parts, axis=1)
     together = found.sum(axis=0)
@@ -80,7 +82,7 @@ def fit(
         left = np.concatenate([t.block[f.band][t.sample] for t in tiles]) - (p - level)
         indexes.append(replace(i, level=level))
         fits.append(replace(f, floor=float(np.percentile(left, DARK_PERCENTILE))))
-    return replace(model, indexes=tuple(indexes), fits=tuple(fits))
+    return replace(model, indexes=tuple(indexes), fits=tuple(fits), references=rules)
 
 
 def _fitted(
@@ -104,9 +106,7 @@ def _fitted(
         bands = tuple(every[k] for k in used for _ in offsets(MIXTURE_SIDE))
         indexes.append(GlintIndex(bands, tuple(map(float, weights[:, 0])), 0.0, offsets(MIXTURE_SIDE) * len(used)))
         fits.append(BandFit(band, request.bands[band].name, place, 1.0, None, r2, int(grams.pixels.sum())))
-    measured = (fit_reference(((t.block[r], t.sample) for t in tiles), r) for r in every)
-    rules = tuple(replace(rule, limit=np.inf, least=np.inf) for rule in measured)  # no pixel is too bright for glint
-    return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, references=rules, signed=True)
+    return GlintModel("wiener", tuple(indexes), tuple(fits), request.names, signed=True)
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
