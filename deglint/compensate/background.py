@@ -131,13 +131,13 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
-    """Median of `excess` (pixel,), band minus opening; and standard deviation of lower values about it."""
+    """Median of `excess`, (pixel,), band minus opening; and the standard deviation of the lower values about it."""
     middle = float(np.median(excess))
     return middle, spread(excess[excess < middle] - middle)
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), band minus opening, without zeros; and standard deviation of lower values about it."""
+    """Mode of `excess`, (pixel,), band minus opening, where they differ; and standard deviation of lower values."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]

@@ -112,7 +112,7 @@ class Alternative:
     roll: float  # of the sensor, to the right positive [degree]
 
     def words(self) -> str:
-        """Text that recommends the alternative; for another tilt, with pitch and roll from nadir that are not 0."""
+        """Text that recommends the alternative: its time, or else its pitch and roll (those that are not 0)."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"

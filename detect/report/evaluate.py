@@ -165,7 +165,7 @@ def _first_band(scene: Scene) -> Array:
 
 
 def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask]:
-    """Read object numbers (0: background) and valid pixels, (row, column), on the first scores' `grid`; add `notes`."""
+    """Read the truth: object number of each pixel (0: background) and valid mask, on `grid`; add lines to `notes`."""
     path = request.truth
     if Path(path).suffix.lower() in (".geojson", ".json"):
         drawn = _drawn(path, grid, notes)
