@@ -187,7 +187,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
-    """Method, chain text, `Choice` and training tiles of a job; these two are None unless `Recipe.chain` is "auto"."""
+    """Method, chain text, `Choice` and training tiles of a job; the last two only if `Recipe.chain` is "auto"."""
     method, text = job.recipe.method, job.recipe.chain
     if text != "auto":
         return "wiener" if method == "auto" else method, text, None, None

@@ -219,7 +219,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """Of the squares (`TRIED_SIDE`, `TRIED_HALO`) at a tile's corners, the first with sample pixels, else the first."""
+    """Part of a tile for trials: of the squares (`TRIED_SIDE`) at its corners the first with sample, else the first."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]
