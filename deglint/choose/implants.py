@@ -26,7 +26,7 @@ TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_TARGET = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water, relative to the water: standard deviation of textures, bright discs, dark discs; and
 contrast of white targets in every band, relative to water in its brightest band. All are visible without glint."""
 SEED = 1  # seed of the random generator: the same tiles always get the same signals
-CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
+CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]: clear water of the open sea
 
 
 @dataclass(frozen=True, eq=False)

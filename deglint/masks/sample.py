@@ -13,7 +13,7 @@ from ..morphology import box_sum, grown, opened
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, thinned, valid_for, water
 
-SIZE = 15  # side of the square for local statistics of water [pixel]
+SIZE = 15  # side of the square for local statistics of water [pixel], as of local means in the fit (`LOCAL_MEAN`)
 DISTANCES = (10, 5, 2, 0)
 """Distances of the sample from everything that is not water [pixel]; the first that leaves `ENOUGH` pixels is used."""
 SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000

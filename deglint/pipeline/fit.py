@@ -47,7 +47,7 @@ class Fitted:
     choice : Choice, optional
         The candidates that were tried on sample tiles, if the recipe left the choice open.
     undeclared : Undeclared
-        Nodata values and offsets that are not declared but were recognised in the pixels.
+        Nodata values, offsets and wavelengths that are not declared but were recognised in the pixels.
     """
 
     model: GlintModel
