@@ -115,7 +115,7 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
     The other band is the one in which water is darkest relative to glint (most often the NIR), of those taken within
     `LASTS`, which have the same sparkle, or else of the next in time. The darkest pixels of the band itself would be
-    those with the lowest noise, or dark parts of the water. Not for bands of one instant or with ringing: the errors
+    those with the lowest noise, or dark parts of the water. Not for simultaneous bands or with ringing: the errors
     that resampling and compression leave beside glint would be the same in the other band.
 
     excess : bands minus their openings, (band, pixel)
@@ -242,7 +242,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     levels = [stage.level(s) for s in states]
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
-    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all bands of one instant
+    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all simultaneous bands
     clear = None if times is None else clear_pixels(excess, np.median(openings, axis=1) / colour, times)
     found = []
     for b, values in enumerate(excess):
