@@ -255,7 +255,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Limit of outline detail [`stage.colour`]: `ABOVE` times its `RARE_SPARKLE` quantile (median of bands `nir`)."""
+    """Value of `Background.limit`: `ABOVE` times the `RARE_SPARKLE` quantile of the sample (median of bands `nir`)."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 

@@ -126,7 +126,7 @@ def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
 
 
 def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """The same as `clean`, without reducing noise."""
+    """The result of `clean`, which has the same arguments, before its noise is reduced."""
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
     everywhere = bool(water.all())
