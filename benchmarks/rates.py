@@ -146,7 +146,7 @@ def main(quick: bool, rounds: int | None, directory: Path | None) -> None:
         place = Path(name)
         part = 512 if quick else 1024
         small, side = base(place, part), 2 * part
-        bases = {"bands of one instant": base(place, part, delay=0.0)}
+        bases = {"simultaneous bands": base(place, part, delay=0.0)}
         for dtype in ("float32", "uint16"):
             others = {name: laid_out(scene, place / f"{scene.stem}_{dtype}.tif", side, dtype)
                       for name, scene in bases.items()}  # fmt: skip

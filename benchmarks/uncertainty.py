@@ -15,19 +15,19 @@ from .timing import machine, say
 CASES = {
     "squares, 60 ms": Case(9, seed=9201, kinds=("square",)),
     "squares, 20 ms": Case(5, 0.02, seed=9202, kinds=("square",)),
-    "squares, one instant": Case(9, 0.0, seed=9203, kinds=("square",)),
+    "squares, simultaneous": Case(9, 0.0, seed=9203, kinds=("square",)),
     "discs, 60 ms": Case(9, seed=9204, kinds=("disc",)),
-    "discs, one instant": Case(5, 0.0, seed=9205, kinds=("disc",)),
+    "discs, simultaneous": Case(5, 0.0, seed=9205, kinds=("disc",)),
     "f/30, 60 ms": Case(9, seed=9206, sensor="thesis-f30"),
-    "f/30, one instant": Case(7, 0.0, seed=9207, sensor="thesis-f30"),
+    "f/30, simultaneous": Case(7, 0.0, seed=9207, sensor="thesis-f30"),
     "0.5 m, WorldView-3's delays": Case(9, None, 0.5, 9208, "worldview3"),
     "1 m, WorldView-3's delays": Case(9, None, 1.0, 9209, "worldview3"),
-    "1 m, one instant": Case(7, 0.0, 1.0, 9210, "worldview3"),
+    "1 m, simultaneous": Case(7, 0.0, 1.0, 9210, "worldview3"),
     "10 m, Sentinel-2": Case(7, None, 10.0, 9211, "sentinel2"),
-    "10 m, one instant": Case(9, 0.0, 10.0, 9212, "sentinel2"),
+    "10 m, simultaneous": Case(9, 0.0, 10.0, 9212, "sentinel2"),
 }
 """Scenes of seeds that no constant was set on."""
-QUICK = ("squares, 60 ms", "1 m, one instant")
+QUICK = ("squares, 60 ms", "1 m, simultaneous")
 LEAST = 200
 """Fewest pixels of a kind that are compared."""
 

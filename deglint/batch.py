@@ -64,7 +64,7 @@ class BatchConfig:
         return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def read_order(path: str, directory: str | None = None) -> BatchConfig:
+def read_config(path: str, directory: str | None = None) -> BatchConfig:
     """Read a recipe file, TOML with the tables of `BatchConfig`; a given `directory` replaces that of the file.
 
     Raises ReadError if the file cannot be read, and InputError if it is not TOML or has a name or value that is not
@@ -84,7 +84,7 @@ def read_order(path: str, directory: str | None = None) -> BatchConfig:
             check_kind(output.get(name, ""), str, f"[output] {name}", "Write it in quotes.")
         place, options = output.pop("directory", ""), output.pop("options", {})
         check_kind(options, dict, "[output] options", "Write NAME = VALUE pairs, as {COMPRESS = 'ZSTD'}.")
-        order = BatchConfig(
+        batch = BatchConfig(
             Recipe(**recipe),
             Path(directory or place),
             extras=band_names(output.pop("extras", ()), "extras"),
@@ -93,20 +93,20 @@ def read_order(path: str, directory: str | None = None) -> BatchConfig:
             opening=opening,
             **output,
         )
-        if "{name}" not in order.name or Path(order.name).suffix.lower() not in (".tif", ".tiff"):
-            raise InputError(f"[output] name {order.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
-        checked_name(order.name.replace("{name}", "x"), "[output] name")
-        for extra in order.extras:
+        if "{name}" not in batch.name or Path(batch.name).suffix.lower() not in (".tif", ".tiff"):
+            raise InputError(f"[output] name {batch.name!r} must hold {{name}} and end in .tif, as {{name}}_clean.tif.")
+        checked_name(batch.name.replace("{name}", "x"), "[output] name")
+        for extra in batch.extras:
             check_choice(extra, list(BESIDE), "[output] extras:")
-        check_choice(order.dtype or "float32", list(DTYPES), "[output] dtype")
-        if directory is None and Path(os.path.normpath(order.directory)).parts[:1] == (os.pardir,):
+        check_choice(batch.dtype or "float32", list(DTYPES), "[output] dtype")
+        if directory is None and Path(os.path.normpath(batch.directory)).parts[:1] == (os.pardir,):
             raise InputError(
-                f"[output] directory {str(order.directory)!r} leads out of the directory that the batch runs in. If "
+                f"[output] directory {str(batch.directory)!r} leads out of the directory that the batch runs in. If "
                 "that is wanted, say it on the command line: --directory DIR."
             )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return order
+    return batch
 
 
 @dataclass(frozen=True)
@@ -136,13 +136,13 @@ class Job:
         return Outcome(self.scene.name, ";".join(self.scene.paths), str(self.outputs.image), status, reason, **more)
 
 
-def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
+def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
     """One job for each scene; raise InputError if scenes have the same output or an output would replace an input."""
     jobs = []
-    made: Any = {"dtype": order.dtype, "options": order.options, "request": order.request()}
+    made: Any = {"dtype": config.dtype, "options": config.options, "request": config.request()}
     for scene in scenes:
-        image = order.directory / order.name.replace("{name}", scene.name)
-        extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in order.extras}
+        image = config.directory / config.name.replace("{name}", scene.name)
+        extras: Any = {name: image.with_name(f"{image.stem}_{name}.{BESIDE[name]}") for name in config.extras}
         jobs.append(Job(scene, Outputs(image, **made, **extras)))
     names = Counter(path for job in jobs for path in job.outputs.every())
     if twice := next((path for path, count in names.items() if count > 1), None):
@@ -154,7 +154,7 @@ def jobs_of(order: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
     # an output that does not exist yet cannot be an input file
     if there := [path for job in jobs for path in job.outputs.every() if path.exists()]:
         scenes_files = [p for job in jobs for name in job.scene.source for p in (name, *files_of(name))]
-        named = [order.recipe.sample, order.recipe.mask, str(order.opening.get("sensor")), *order.reads]
+        named = [config.recipe.sample, config.recipe.mask, str(config.opening.get("sensor")), *config.reads]
         with environment():
             check_unread(there, {"a scene": scenes_files, "an input": named})
     return jobs
@@ -185,7 +185,7 @@ def state_of(job: Job) -> tuple[str, str]:
 
 
 def run_batch(
-    order: BatchConfig,
+    config: BatchConfig,
     scenes: Sequence[ListedScene],
     *,
     processes: int = 1,
@@ -202,7 +202,7 @@ def run_batch(
     each outcome. Before any scene is processed, the function raises InputError if an output would replace another
     output or an input; and WriteError, except in a dry run, if another batch uses the directory or it is not writable.
     """
-    jobs = jobs_of(order, scenes)
+    jobs = jobs_of(config, scenes)
     found: dict[int, Outcome] = {}
     todo: dict[int, Job] = {}
 
@@ -213,9 +213,9 @@ def run_batch(
 
     with contextlib.ExitStack() as stack:
         if not dry_run:  # lock the directory against other batches
-            make_directory(order.directory, parents=True)
-            check_target(order.directory / "x.tif", overwrite=True)
-            stack.enter_context(claimed(order.directory))
+            make_directory(config.directory, parents=True)
+            check_target(config.directory / "x.tif", overwrite=True)
+            stack.enter_context(claimed(config.directory))
         for i, job in enumerate(jobs):
             status, why = state_of(job)
             if status == FAILED:
@@ -226,15 +226,15 @@ def run_batch(
                 ended(i, job.ended(status, why))
         if todo:
             count = min(processes, len(todo))
-            _run_jobs(todo, order, count, threads or max(1, default_threads() // count), ended)
+            _run_jobs(todo, config, count, threads or max(1, default_threads() // count), ended)
     return [found[i] for i in range(len(jobs))]
 
 
 def _run_jobs(
-    todo: Mapping[int, Job], order: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
+    todo: Mapping[int, Job], config: BatchConfig, count: int, threads: int, ended: Callable[[int, Outcome], None]
 ) -> None:
     """Run jobs on `count` processes, `threads` threads each; call `ended` with each job's key in `todo` and outcome."""
-    workers = [_Worker(order, threads) for _ in range(count)]
+    workers = [_Worker(config, threads) for _ in range(count)]
     idle = deque(workers)
 
     def work(job: Job) -> Outcome:
@@ -260,8 +260,8 @@ def _run_jobs(
 class _Worker:
     """A worker process that runs one job after the other; if it has crashed, the next job starts a new process."""
 
-    def __init__(self, order: BatchConfig, threads: int) -> None:
-        self._order, self._threads = order, threads
+    def __init__(self, config: BatchConfig, threads: int) -> None:
+        self._config, self._threads = config, threads
         self.start()
 
     def start(self) -> None:
@@ -269,7 +269,7 @@ class _Worker:
         context = get_context("spawn")  # a fork would take locks of this process's threads with it
         self._line, theirs = context.Pipe()
         talks = log.isEnabledFor(logging.DEBUG)
-        self.process = context.Process(target=_serve, args=(theirs, self._order, self._threads, talks))
+        self.process = context.Process(target=_serve, args=(theirs, self._config, self._threads, talks))
         self.process.start()
         theirs.close()
 
@@ -290,7 +290,7 @@ class _Worker:
         return job.ended(FAILED, f"its process ended with exit code {code}{why}", seconds=seconds)
 
 
-def _serve(line: Any, order: BatchConfig, threads: int, talks: bool) -> None:
+def _serve(line: Any, config: BatchConfig, threads: int, talks: bool) -> None:
     """Main loop of a worker process: run jobs until the batch process stops the worker, or has ended.
     `line` is a pipe from which jobs are read, and to which outcomes and log records are sent. If `talks` is False, the
     only log records that are sent are those on the remaining time.
@@ -304,7 +304,7 @@ def _serve(line: Any, order: BatchConfig, threads: int, talks: bool) -> None:
     with contextlib.suppress(KeyboardInterrupt, EOFError, OSError):
         while True:
             job, begun = line.recv(), time.perf_counter()
-            line.send(replace(_do(job, order, threads), seconds=round(time.perf_counter() - begun, 3)))
+            line.send(replace(_do(job, config, threads), seconds=round(time.perf_counter() - begun, 3)))
 
 
 def _watch_parent() -> None:
@@ -313,9 +313,9 @@ def _watch_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _do(job: Job, order: BatchConfig, threads: int) -> Outcome:
+def _do(job: Job, config: BatchConfig, threads: int) -> Outcome:
     try:
-        result = remove_glint(job.scene.source, job.outputs, order.recipe, **order.opening, threads=threads)
+        result = remove_glint(job.scene.source, job.outputs, config.recipe, **config.opening, threads=threads)
     except NoWaterError as error:
         return job.ended(NO_WATER, str(error))
     except MemoryError:

@@ -65,8 +65,8 @@ def examine(scene: Scene, recipe: Recipe | None = None, *, threads: int | None =
         out["reason"] = str(error)
         if time.monotonic() > deadline:
             out["reason"] = (
-                f"the look at it was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
-                f"{scene.height * scene.width}; what lies in the others is not known. To look for longer, set the "
+                f"the examination was stopped after {seconds} s: {source.pixels_read} pixels were read, of "
+                f"{scene.height * scene.width}; what lies in the others is not known. To read more, set the "
                 "environment variable DEGLINT_INFO_SECONDS, or name a --sample"
             )
         return out

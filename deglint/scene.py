@@ -70,7 +70,7 @@ class Scene:
     path : str
         GDAL name(s) of what was opened, for messages and the sidecar.
     crs, transform
-        Coordinate reference system and affine transform, as rasterio gives them; crs may be None.
+        Coordinate reference system and affine transform, as rasterio gives them; None where not known.
     sensor : str, optional
         Name of the sensor preset that was used.
     product : str, optional

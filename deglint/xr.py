@@ -146,7 +146,7 @@ def apply(
 
 
 def _correction(scene: Scene, fitted: Fitted, mask: str | None, dtype: str | None) -> Correction:
-    """The `Correction` without scene, which each tile's task adds. It makes no mask; each band keeps its own nodata."""
+    """The `Correction` to pickle: without scene, which each tile adds. No mask is made; bands keep their nodata."""
     info = raster_of(scene).info
     if dtype is not None and (dtype not in DTYPES or (dtype != info.dtype and not dtype.startswith("float"))):
         raise InputError(f"dtype: allowed is float32, float64 or the array's own {info.dtype}, got {dtype!r}.")
@@ -223,7 +223,7 @@ def _entry(array: Any, dimension: Any, work: Callable[[Any], Any]) -> Any:
 
 
 def _by_variables(dataset: Any, work: Callable[[Any], Any]) -> Any:
-    """The Dataset after `work` on each variable with a band dimension or, if none has one, on all stacked as bands."""
+    """The Dataset after `work` on each variable with a dimension band or, without any, on its variables as bands."""
     if deep := _with_bands(dataset):
         return dataset.assign({n: work(dataset[n]) for n in deep})
     clean = work(stack(dataset))

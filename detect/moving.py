@@ -65,7 +65,7 @@ def find_moving(
     if bands.ndim != 3 or len(bands) != len(times):
         raise InputError(f"image: want (band, row, column) and a delay for each band, got {bands.shape}, {times.size}.")
     if len(np.unique(times)) < 3:
-        raise InputError("a motion needs three bands that look at different times: two places could be anything's.")
+        raise InputError("a motion needs three bands with different times: a uniform motion fits any two detections.")
     if not pixel > 0:
         raise InputError(f"pixel: want a side above 0 m, got {pixel}.")
     mask = as_mask(water, bands)

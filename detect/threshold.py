@@ -322,7 +322,7 @@ def _standard_error(n: int, k: int, pfa: float, shape: float, scale: float) -> f
 
 
 def _tail(scores: Array | Tail, pfa: float) -> Tail:
-    """Convert scores, unless a `Tail`, to a tail long enough for `pfa`. Raises InputError if no score is valid."""
+    """The tail of scores, long enough for `pfa`, or the given `Tail` itself. Raises InputError if no score is valid."""
     if not isinstance(scores, Tail):
         scores = Tail.of(scores, Tail.keep_for(pfa, np.asarray(scores).size))
     if scores.n == 0:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from deglint import remove_glint
-from deglint.batch import jobs_of, read_order, run_batch, state_of
+from deglint.batch import jobs_of, read_config, run_batch, state_of
 from deglint.errors import InputError, ReadError, WriteError
 from deglint.pipeline.outputs import BESIDE
 from deglint.raster.targets import claimed
@@ -138,10 +138,10 @@ def test_a_copy_is_known_by_its_checksum_and_a_changed_pixel_is_seen(deglint, pl
 def test_a_mask_that_was_drawn_anew_is_another_recipe(place, geojson):
     (place / "r.toml").write_text(f'[recipe]\nmask = "{place / "m.geojson"}"\n')
     geojson(place / "m.geojson", [(0, 0), (1, 0), (1, 1)])
-    first = read_order(str(place / "r.toml")).request()
-    assert read_order(str(place / "r.toml")).request() == first
+    first = read_config(str(place / "r.toml")).request()
+    assert read_config(str(place / "r.toml")).request() == first
     geojson(place / "m.geojson", [(0, 0), (2, 0), (1, 1)])
-    assert read_order(str(place / "r.toml")).request() != first
+    assert read_config(str(place / "r.toml")).request() != first
 
 
 def test_a_dry_run_does_nothing(deglint, place):
@@ -169,21 +169,21 @@ def test_extras_go_where_their_names_say(deglint, place):
 
 def test_every_optional_output_is_an_extra(place):
     (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras=json.dumps([*BESIDE])))
-    job, *_ = jobs_of(read_order(str(place / "r.toml")), list_scenes([str(place / "in" / "a.tif")]))
+    job, *_ = jobs_of(read_config(str(place / "r.toml")), list_scenes([str(place / "in" / "a.tif")]))
     assert all(getattr(job.outputs, name).stem == f"a_clean_{name}" for name in BESIDE)
 
 
 def test_names_that_clash_are_told_before_anything_is_done(place, write, sea):
-    order = read_order(str(place / "r.toml"))
+    config = read_config(str(place / "r.toml"))
     (place / "in2").mkdir()
     write(place / "in2" / "a.tif", sea())
     with pytest.raises(InputError, match=r"several scenes would be written to .*a_clean.tif: .*in/a.tif, .*in2/a.tif"):
-        run_batch(order, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
+        run_batch(config, list_scenes([str(place / "in" / "a.tif"), str(place / "in2" / "a.tif")]))
     assert not (place / "out").exists()
     text = (place / "r.toml").read_text().replace(str(place / "out"), str(place / "in")).replace("_clean", "")
     (place / "r.toml").write_text(text)
     with pytest.raises(InputError, match="would be written over"):
-        jobs_of(read_order(str(place / "r.toml")), list_scenes([str(place / "in" / "*.tif")]))
+        jobs_of(read_config(str(place / "r.toml")), list_scenes([str(place / "in" / "*.tif")]))
 
 
 def test_two_batches_do_not_work_in_one_directory(deglint, place):
@@ -243,10 +243,10 @@ def test_a_dry_run_keeps_the_table(deglint, place):
 def finished(place):
     """A job that is done, with flags."""
     (place / "r.toml").write_text(RECIPE.format(out=place / "out", extras='["flags"]'))
-    order = read_order(str(place / "r.toml"))
-    job = jobs_of(order, list_scenes([str(place / "in" / "a.tif")]))[0]
+    config = read_config(str(place / "r.toml"))
+    job = jobs_of(config, list_scenes([str(place / "in" / "a.tif")]))[0]
     (place / "out").mkdir()
-    remove_glint(job.scene.source, job.outputs, order.recipe)
+    remove_glint(job.scene.source, job.outputs, config.recipe)
     assert state_of(job) == ("finished before", "")
     return job
 
@@ -355,8 +355,8 @@ def test_a_worker_that_was_killed_leaves_scratch_that_the_next_batch_removes(deg
 
 def test_a_kill_between_the_moves_is_no_finished_scene(deglint, place):
     batch(deglint, place)
-    order = read_order(str(place / "r.toml"))
-    job = jobs_of(order, [ListedScene("a", (str(place / "in" / "a.tif"),))])[0]
+    config = read_config(str(place / "r.toml"))
+    job = jobs_of(config, [ListedScene("a", (str(place / "in" / "a.tif"),))])[0]
     assert state_of(job)[0] == "finished before"
     job.outputs.image.unlink()  # the sidecar is moved first
     assert state_of(job) == ("to do", "was stopped while it was moved into place")
@@ -416,20 +416,20 @@ def test_a_csv_of_scenes_in_two_files_each_runs(deglint, place, sea, write):
 def test_a_recipe_that_is_wrong_says_where(tmp_path, text, said):
     (tmp_path / "r.toml").write_text(text)
     with pytest.raises(InputError, match=said) as error:
-        read_order(str(tmp_path / "r.toml"))
+        read_config(str(tmp_path / "r.toml"))
     assert "r.toml" in str(error.value)
 
 
 def test_an_empty_recipe_is_one(tmp_path):
     (tmp_path / "r.toml").write_text("")
-    order = read_order(str(tmp_path / "r.toml"))
-    assert order.recipe.method == "auto"
-    assert order.name == "{name}_deglinted.tif"
+    config = read_config(str(tmp_path / "r.toml"))
+    assert config.recipe.method == "auto"
+    assert config.name == "{name}_deglinted.tif"
 
 
 def test_progress_of_the_whole(place):
     heard = []
-    order = read_order(str(place / "r.toml"))
-    found = run_batch(order, list_scenes([str(place / "in" / "*.tif")]), done=heard.append)
+    config = read_config(str(place / "r.toml"))
+    found = run_batch(config, list_scenes([str(place / "in" / "*.tif")]), done=heard.append)
     assert heard == found
     assert [o.status for o in found] == ["done"] * 3

@@ -240,7 +240,7 @@ def test_objects_of_four_metres_are_kept(tmp_path, kind, wind, delay):
 
 @pytest.mark.slow
 def test_discs_come_to_no_harm_where_flashes_are_rare(tmp_path):
-    """Across the sun at 5 m/s, bands at one instant."""
+    """Across the sun at 5 m/s, simultaneous bands."""
     made = scenes.Case(5, 0.0, seed=3, kinds=("disc",)).setup
     write_scene(simulate(replace(made, view_zenith=40.0, view_azimuth=made.sun_azimuth + 90)), tmp_path / "discs")
     known = scenes.Known.of(tmp_path / "discs.tif")

@@ -1,4 +1,4 @@
-"""Small targets are distinguished from sparkle by the instants of the bands."""
+"""Small targets are distinguished from sparkle by the band delays."""
 
 import json
 from dataclasses import asdict, fields, replace

@@ -11,7 +11,7 @@ import pytest
 import rasterio.shutil
 
 from deglint import Recipe, remove_glint
-from deglint.batch import jobs_of, read_order, state_of
+from deglint.batch import jobs_of, read_config, state_of
 from deglint.checksum import Checksum, are_as
 from deglint.errors import InputError, ReadError
 from deglint.raster.targets import check_targets, files_behind
@@ -232,10 +232,10 @@ def finished(deglint, sea, write, scene, monkeypatch):
     )
     ran = deglint("batch", "r.toml", "deep.vrt", "e.img", "k.tif", "-q")
     assert ran.code == 0, ran.out
-    order = read_order("r.toml")
+    config = read_config("r.toml")
 
     def states():
-        return [state_of(job) for job in jobs_of(order, list_scenes(["deep.vrt", "e.img", "k.tif"]))]
+        return [state_of(job) for job in jobs_of(config, list_scenes(["deep.vrt", "e.img", "k.tif"]))]
 
     assert [s for s, _ in states()] == ["finished before"] * 3
     return states

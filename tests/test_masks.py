@@ -252,7 +252,7 @@ def test_rules_are_plain_numbers(coast):
     sample = fit_sample([coast[0]], rule)
     assert json.loads(json.dumps(rule.numbers()))["roles"]["nir"] == 3
     assert json.loads(json.dumps(sample.numbers()))["pixels"] == sample.pixels
-    assert "looked at are water" in rule.reason
+    assert "examined are water" in rule.reason
     assert replace(rule, window=7).reason.endswith(". If it is glint: deglint remove --mask none")
 
 

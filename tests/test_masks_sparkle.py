@@ -66,7 +66,7 @@ def test_bright_spots_of_unknown_size_are_boats_only_near_land_and_only_at_some_
 
 
 def test_flashes_that_the_nir_alone_has_caught_are_no_land():
-    """Bands of different instants: what is bright in the NIR is in no other."""
+    """Bands that are not simultaneous: what is bright in the NIR is in no other."""
     scene = open_water(glint=0.0)
     rows, columns = np.random.default_rng(7).integers(0, 200, (2, 120))
     scene[3, rows, columns] += 0.6

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deglint.batch import read_order
+from deglint.batch import read_config
 from deglint.errors import InputError
 from deglint.raster.info import open_dataset
 from deglint.readers.scenes import checked_name, list_scenes
@@ -177,7 +177,7 @@ def test_names_in_lists_cannot_leave_the_directory(tmp_path, name):
 def test_lists_and_recipes_that_are_nested_too_deep_are_one_line(tmp_path):
     (tmp_path / "r.toml").write_text("a = " + "[" * 100_000)
     with pytest.raises(InputError, match="is not TOML"):
-        read_order(str(tmp_path / "r.toml"))
+        read_config(str(tmp_path / "r.toml"))
     (tmp_path / "s.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match="is not JSON"):
         list_scenes([str(tmp_path / "s.json")])

@@ -22,20 +22,20 @@ SCALES = (1, 3, 9, 27)
 """Windows of local means [pixel]. A texture is the difference of two means: factors of three divide the range from one
 pixel to the length of swell."""
 DEPTH = 3.0  # depth of textures and discs [m]: they are weak in the red and invisible in the NIR
-TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_DISC = 0.1, 0.5, -0.25, 0.3
+TEXTURE_CONTRAST, BRIGHT, DARK_DISC, WHITE_TARGET = 0.1, 0.5, -0.25, 0.3
 """Contrasts with the water, relative to the water: standard deviation of textures, bright discs, dark discs; and
-brightness of white targets in every band, relative to water in its brightest band. All are visible without glint."""
+contrast of white targets in every band, relative to water in its brightest band. All are visible without glint."""
 SEED = 1  # seed of the random generator: the same tiles always get the same signals
-CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]
+CHLOROPHYLL = 0.1  # chlorophyll of the water above textures and discs [mg m-3]: clear water of the open sea
 
 
 @dataclass(frozen=True, eq=False)
 class Implants:
-    """Known signals that are added to one tile; each is a pattern (row, column) times a colour (band,)."""
+    """Known signals that are added to a tile: each is a pattern (row, column) times a spectrum (band,), its colour."""
 
     names: tuple[str, ...]  # (signal,)
-    patterns: Float32  # (signal, row, column): contrast relative to the colour of the signal
-    colours: Float32  # (signal, band) [unit of the band]
+    patterns: Float32  # (signal, row, column): contrast in units of the colour of the signal [1]
+    colours: Float32  # (signal, band): radiance of a signal of contrast 1 [unit of the band]
 
     @property
     def total(self) -> Float32:
@@ -55,7 +55,7 @@ def implants(inside: Mask, bands: Sequence[Band], level: Float32, width: float, 
     wavelengths, through = _wavelengths(bands), _submerged(bands, level)
     turbid = np.interp(wavelengths, *TURBID.T).astype(np.float32) * level
     spectral = [bool(b.wavelength) for b in bands]  # a class or a product has no brightness
-    white = np.full(len(bands), WHITE_DISC * float(level[spectral if any(spectral) else ...].max()), np.float32)
+    white = np.full(len(bands), WHITE_TARGET * float(level[spectral if any(spectral) else ...].max()), np.float32)
     patterns = {f"texture of {a} to {b} pixels": (_texture(shape, a, b, rng), through) for a, b in pairwise(SCALES)}
     patterns["discs"] = _discs(inside, width, rng), through
     patterns["plumes"] = _plume(shape, rng), turbid
@@ -97,7 +97,7 @@ def gains(
 
 
 def _wavelengths(bands: Sequence[Band]) -> Float64:
-    """Wavelength of each band, (band,) [nm]; a band without wavelength counts as blue, which shows all signals."""
+    """Wavelength of each band, (band,) [nm]; 480 (blue, in which all signals are visible) for a band without one."""
     return np.array([b.wavelength or 480.0 for b in bands])
 
 

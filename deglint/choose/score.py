@@ -163,7 +163,7 @@ def level_excess(
     opened: Sequence[bool | None],
     delayed: bool,
 ) -> Float64:
-    """How much brighter each result of an opening is than the darkest of a removal, or the reverse, (recipe,).
+    """How much brighter each result is than the darkest of the other kind, with or without an opening, (recipe,).
 
     The medians of each band are compared, and the excess is divided by its `unit`. The result is the root mean square
     over the bands, minus `SIGNAL`; at least 0. With `delayed` bands means are compared, as a removal leaves sparkle on

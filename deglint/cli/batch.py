@@ -66,22 +66,22 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
     dtype = "uint16"
     options = {COMPRESS = "ZSTD"}
     """
-    from ..batch import FAILED, TODO, jobs_of, read_order, run_batch
+    from ..batch import FAILED, TODO, jobs_of, read_config, run_batch
     from ..raster.output import write_text
     from ..raster.targets import Scratch, check_targets
     from ..readers.scenes import list_scenes
 
-    order = replace(read_order(recipe, given["directory"]), reads=(recipe, *scenes))
-    listed = list_scenes(scenes, order.assets)
+    config = replace(read_config(recipe, given["directory"]), reads=(recipe, *scenes))
+    listed = list_scenes(scenes, config.assets)
     table = Path(given["table"]) if given["table"] else None
     if table:
-        reads = [*order.reads, *(p for scene in listed for p in scene.paths), order.recipe.sample, order.recipe.mask]
+        reads = [*config.reads, *(p for scene in listed for p in scene.paths), config.recipe.sample, config.recipe.mask]
         older = table.is_file() and table.read_bytes().startswith(b"name,inputs,output,status,reason,seconds,")
-        outputs = [path for job in jobs_of(order, listed) for path in job.outputs.every()]
+        outputs = [path for job in jobs_of(config, listed) for path in job.outputs.every()]
         check_targets([table], {"an input": reads, "an output": outputs}, overwrite=older or given["overwrite"])
     with Console(given) as console:
         same = {name: given[name] for name in ("threads", "overwrite", "dry_run")}
-        found = run_batch(order, listed, processes=given["jobs"], done=_watch(len(listed), console), **same)
+        found = run_batch(config, listed, processes=given["jobs"], done=_watch(len(listed), console), **same)
     if table and not given["dry_run"]:
         text = io.StringIO()
         rows = csv.DictWriter(text, list(asdict(found[0])), lineterminator="\n")
@@ -95,7 +95,7 @@ def batch(recipe: str, scenes: tuple[str, ...], **given: Any) -> None:
         click.echo("\n".join(summary(found)))
         if given["dry_run"]:
             todo = [scene.paths for scene, o in zip(listed, found, strict=True) if o.status == TODO]
-            click.echo(total_size(todo, order.opening))
+            click.echo(total_size(todo, config.opening))
     if any(o.status == FAILED for o in found):
         raise click.exceptions.Exit(1)
 

@@ -32,11 +32,11 @@ def minutes(text: str) -> float:
     return count
 
 
-PLACES: dict[str, str] = {}  # for each option of `setting`, its table and key in a mission file as "table.key"
+PLACES: dict[str, str] = {}  # for each option made by `setting`, the "table.key" of a mission file that it sets
 
 
 def setting(option: str, place: str, unit: str | None, said: str, kind: Any = float) -> Callable[..., Any]:
-    """Make an option of the type `kind`, a number [unit] by default, whose `place` in `PLACES` is "table.key"."""
+    """Make an option that sets `place`, the "table.key" of a mission file. Its type is `kind`, by default a number."""
     PLACES[option[2:].replace("-", "_")] = place
     return click.option(option, type=kind, metavar=unit, help=said)
 

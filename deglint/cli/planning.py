@@ -51,9 +51,9 @@ def mode_of(given: Given) -> Mode:
 
 
 def by_daylight(mode: Mode, given: Given, tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Set a mission's time: for `over_time`, the highest sun of the sweep; for `page`, if not given, the next daylight.
+    """Set the time of a mission: for a sweep when the sun is highest; for the page, if not given, in the next daylight.
 
-    Returns the tables of the mission; they are unchanged in all other cases, and if latitude or longitude is missing.
+    Returns the tables of the mission file; they are unchanged for other modes, and without latitude or longitude.
     """
     place = dict(own) if isinstance(own := tables.get("place"), Mapping) else {}
     if "latitude" not in place or "longitude" not in place:

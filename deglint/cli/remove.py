@@ -39,7 +39,7 @@ HELP = {
     "--mask": "What to correct: water found in the scene, everything, or a raster (not 0) or GeoJSON.",
     "--band": "Bands to correct, by name or number (from 1). The others are copied.",
     "--regression": "How slopes are fitted; auto: detrended for an automatic sample, else ols.",
-    "--floor-percentile": "For hedley and multiband: percentile of the sample that is the level; 0: hedley's minimum.",
+    "--floor-percentile": "For hedley and multiband: percentile that is the level; 0: minimum, for multiband 5 %.",
     "--nir-use": "Of several NIR bands take the mean, the best for each band, or the one taken at the same time.",
     "--rrs-factor": "For goodman: values are this many times remote-sensing reflectance; pi for reflectance.",
     "--grid": "Of several files, the one whose grid to use.",

@@ -115,7 +115,7 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
     The other band is the one in which water is darkest relative to glint (most often the NIR), of those taken within
     `LASTS`, which have the same sparkle, or else of the next in time. The darkest pixels of the band itself would be
-    those with the lowest noise, or dark parts of the water. Not for bands of one instant or with ringing: the errors
+    those with the lowest noise, or dark parts of the water. Not for simultaneous bands or with ringing: the errors
     that resampling and compression leave beside glint would be the same in the other band.
 
     excess : bands minus their openings, (band, pixel)
@@ -131,13 +131,13 @@ def clear_pixels(excess: Float32, water: Float64, times: Float64) -> npt.NDArray
 
 
 def median_and_spread(excess: Float32) -> tuple[float, float]:
-    """Median of `excess` (pixel,), band minus opening; and standard deviation of lower values about it."""
+    """Median of `excess`, (pixel,), band minus opening; and the standard deviation of the lower values about it."""
     middle = float(np.median(excess))
     return middle, spread(excess[excess < middle] - middle)
 
 
 def mode_and_spread(excess: Float32) -> tuple[float, float]:
-    """Mode of `excess` (pixel,), band minus opening, without zeros; and standard deviation of lower values about it."""
+    """Mode of `excess`, (pixel,), band minus opening, where they differ; and standard deviation of lower values."""
     away = np.abs(excess)
     apart = away > (1e-3 * np.median(away[away > 0]) if (away > 0).any() else -1)  # not pixels equal to their opening
     d = excess[apart]
@@ -242,7 +242,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
     levels = [stage.level(s) for s in states]
     openings = np.stack([sample.values([level[b] for level in levels]) for b in bands])
     excess = np.stack([sample.values([s.image[b] for s in states]) for b in bands]) - openings
-    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all bands of one instant
+    times = setting.offsets if setting.delayed and not caps else None  # artefacts: the same in all simultaneous bands
     clear = None if times is None else clear_pixels(excess, np.median(openings, axis=1) / colour, times)
     found = []
     for b, values in enumerate(excess):
@@ -255,7 +255,7 @@ def fit(sample: Sample, setting: Setting, number: float | None = None) -> Backgr
 
 
 def _limit(stage: Background, sample: Sample, nir: tuple[int, ...]) -> float:
-    """Limit of outline detail [`stage.colour`]: `ABOVE` times its `RARE_SPARKLE` quantile (median of bands `nir`)."""
+    """Value of `Background.limit`: `ABOVE` times the `RARE_SPARKLE` quantile of the sample (median of bands `nir`)."""
     details = [stage.details(*stage.opened(s)) for s in sample.states]
     return ABOVE * float(np.median([np.quantile(sample.values([d[b] for d in details]), RARE_SPARKLE) for b in nir]))
 

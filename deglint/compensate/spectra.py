@@ -104,8 +104,8 @@ def flashes(glint: Sequence[float], time: Sequence[float], s: Sequence[float], c
 def models(
     wavelengths: Sequence[float], widths: Sequence[float], water: Sequence[float], s: Sequence[float]
 ) -> list[Model]:
-    """Models of targets, one for each brightness 2**n with n = 0 to 16 [`Targets.light`]. Arguments, (band,) each:
-    centres and full widths of bands [nm]; radiance of water and standard deviation `s` of noise, over `Targets.light`.
+    """Models of the spectra of targets, one for each brightness 2**n, n = 0 to 16, in units of `Targets.light`.
+    (band,) each: centre and full width [nm]; radiance of water and standard deviation `s` of noise [`Targets.light`].
     """
     values, factors, weight = reflectances(np.array(wavelengths), np.array(widths))
     unit, out, (row, column) = factors.swapaxes(1, 2) @ factors, [], np.triu_indices(len(s))

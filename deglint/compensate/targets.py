@@ -131,7 +131,7 @@ class Targets:
         return np.clip((np.arcsinh(e) - LOW) * (EXCESS_BINS / (self.top - LOW)), 0, EXCESS_BINS - 1).astype(np.intp)
 
     def sparkle(self, e: Float32) -> Float32:
-        """Log likelihood of each pixel as sparkle, (pixel,); `e` (band, pixel) is the excess divided by `light`."""
+        """Log likelihood that a pixel is sparkle, (pixel,); `e`, (band, pixel), as in `score`."""
         q = self.binned(e)
         chain = [self._steps[k, a, b] for k, (a, b) in zip(self.tables, pairwise(q), strict=True)]
         each = np.float32(np.log(EXCESS_BINS / (self.top - LOW))) - np.log1p(e * e) / 2

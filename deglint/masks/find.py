@@ -72,7 +72,7 @@ GAP_BINS = 64  # bins of the histogram in which the gap between water and land i
 
 
 def fit_water(
-    looks: Sequence[FloatArray],
+    blocks: Sequence[FloatArray],
     roles: Roles,
     *,
     pixel: float | None = None,
@@ -92,7 +92,7 @@ def fit_water(
     patch of glint. Boats, rocks and floating plants are narrower. They are found with smaller squares, in which the NIR
     is much brighter than glint in squares of this size, or brighter than the visible.
 
-    looks : blocks (band, row, column) that represent the scene, or the whole scene [any unit]; NaN is not valid
+    blocks : blocks (band, row, column) that represent the scene, or the whole scene [any unit]; NaN is not valid
     roles : which band is the NIR, and which are visible
     pixel : side of a pixel on the ground [m]; None if not known
     whole : whether the blocks cover the whole scene; if not, there may be land outside them
@@ -107,7 +107,7 @@ def fit_water(
     >>> fit_water([sea], Roles(nir=1, green=0)).all_water
     True
     """
-    view = _View(looks, roles)
+    view = _View(blocks, roles)
     found = WaterRule(roles)
     if view.pixels:
         coarse = not reflectance and pixel is not None and pixel >= COARSE_PIXEL
@@ -121,9 +121,9 @@ def fit_water(
 def _fit(
     view: _View, white: tuple[float, float], pixel: float | None, *, brown: bool, strict: bool
 ) -> WaterRule | None:
-    """Determine the rule for blue water, or for `brown` (turbid) water; None if there is no water.
+    """Determine the rule that distinguishes blue or, if `brown`, turbid water from land; None if there is no water.
 
-    white : colour of white, as from `_View.white`
+    white : red / green and NIR / green of a white surface, as in `_View.white`
     pixel : side of a pixel [m], or None if not known
     strict : pixels whose colour is not known count as not water, so that dark land is not joined to the water
     """
@@ -269,7 +269,7 @@ class _View:
         return [bright, sea]
 
     def may_be_boats(self, bright: Sequence[Mask], sea: Sequence[Mask]) -> bool:
-        """Whether `bright` pixels on `sea`, results of `isolated`, may be boats, not glint (see `EVERYWHERE`)."""
+        """Whether `bright` pixels on `sea`, from `isolated`, may be boats: with land in view, and not `EVERYWHERE`."""
         has_land = sum(int(s.sum()) for s in sea) < self.pixels
         found = [b[p].any() for b, s in zip(bright, sea, strict=True) for p in _squares(s) if 2 * s[p].mean() >= 1]
         return has_land and (len(found) < LEAST_SQUARES or float(np.mean(found)) < EVERYWHERE)

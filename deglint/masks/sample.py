@@ -13,7 +13,7 @@ from ..morphology import box_sum, grown, opened
 from ..scene import FloatArray
 from .surface import Roles, WaterRule, thinned, valid_for, water
 
-SIZE = 15  # side of the square for local statistics of water [pixel]
+SIZE = 15  # side of the square for local statistics of water [pixel], as of local means in the fit (`LOCAL_MEAN`)
 DISTANCES = (10, 5, 2, 0)
 """Distances of the sample from everything that is not water [pixel]; the first that leaves `ENOUGH` pixels is used."""
 SHARES, ENOUGH = (0.25, 0.5, 1.0), 3000
@@ -94,7 +94,7 @@ def away_from_shore(mask: Mask) -> Mask:
     return opened(mask, SHORE)
 
 
-def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
+def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     """Determine from some blocks of a scene which water is a good sample for glint slopes.
 
     A pixel is in the sample if it is (1) over 10 pixels (5, 2, 0 if too few are left) from all that is not water, and
@@ -106,7 +106,7 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
 
     .. math:: var(glint) / (var(glint) + var(noise))
 
-    looks : blocks (band, row, column), as for `fit_water`; NaN is not valid
+    blocks : blocks (band, row, column), as for `fit_water`; NaN is not valid
     rule : rule of water, from `fit_water`
 
     Raises FitError if there is no water, no square that is half water, no dark, even area, or if the NIR is constant.
@@ -117,17 +117,17 @@ def fit_sample(looks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Otsu, N. (1979), "A threshold selection method from gray-level histograms", IEEE Trans. Systems, Man, and
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
-    valid = sum(int(valid_for(b, rule.roles).sum()) for b in looks)
-    pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in looks) if m.any()]
+    valid = sum(int(valid_for(b, rule.roles).sum()) for b in blocks)
+    pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in blocks) if m.any()]
     if not pairs:
         raise FitError(f"no deep-water sample: {rule.reason}")
-    looks, masks = [b for b, _ in pairs], [m for _, m in pairs]
-    sample = _quantisation(looks, masks, rule)
-    local = [_local(b, m, sample) for b, m in zip(looks, masks, strict=True)]
-    sample, candidates = _choose_distance(looks, masks, local, sample)
+    blocks, masks = [b for b, _ in pairs], [m for _, m in pairs]
+    sample = _quantisation(blocks, masks, rule)
+    local = [_local(b, m, sample) for b, m in zip(blocks, masks, strict=True)]
+    sample, candidates = _choose_distance(blocks, masks, local, sample)
     for share in SHARES:
         sample = _choose_limits(candidates, sample, share)
-        found = [_select(b, m, s, sample) for b, m, s in zip(looks, masks, local, strict=True)]
+        found = [_select(b, m, s, sample) for b, m, s in zip(blocks, masks, local, strict=True)]
         if sum(int(f.sum()) for f in found) >= ENOUGH:
             break
     kept = _gather(local, found)
@@ -162,15 +162,15 @@ def _middle_and_range(values: FloatArray) -> tuple[float, float]:
     return middle, (high - low) or float(np.std(values, dtype=np.float64))
 
 
-def _quantisation(looks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
+def _quantisation(blocks: Sequence[FloatArray], masks: Sequence[Mask], rule: WaterRule) -> SampleRule:
     """A rule in which the 5th to 95th percentile of water (`masks`) is 1024 grains; FitError if the NIR is constant."""
 
     def over_water(band: int) -> FloatArray:
-        return np.concatenate([b[band][m] for b, m in zip(looks, masks, strict=True)])
+        return np.concatenate([b[band][m] for b, m in zip(blocks, masks, strict=True)])
 
     middles = [_middle_and_range(over_water(band))[0] for band in rule.roles.visible]
     weights = tuple(1.0 / m if m > 0 else 1.0 / rule.contrast for m in middles)
-    sums = [_visible_sum(b, rule.roles, weights)[m] for b, m in zip(looks, masks, strict=True)]
+    sums = [_visible_sum(b, rule.roles, weights)[m] for b, m in zip(blocks, masks, strict=True)]
     nir, nir_range = _middle_and_range(over_water(rule.roles.nir))
     visible, visible_range = _middle_and_range(np.concatenate(sums))
     if not nir_range > 0:
@@ -208,12 +208,12 @@ def _gather(local: Sequence[_Local], masks: Sequence[Mask]) -> _Local:
 
 
 def _choose_distance(
-    looks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
+    blocks: Sequence[FloatArray], masks: Sequence[Mask], local: Sequence[_Local], sample: SampleRule
 ) -> tuple[SampleRule, _Local]:
     """Set the distance of the sample from all that is not water: the first of `DISTANCES` [pixel] that leaves at least
     `ENOUGH` pixels, else the last. Also return the statistics of these pixels. Raises FitError if there are none.
     """
-    other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(looks, masks, strict=True)]
+    other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(blocks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
         count = sum(int(k.sum()) for k in kept)

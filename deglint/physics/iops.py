@@ -47,7 +47,7 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
         b_bp = [0.002 + 0.01 (0.5 - 0.25 log10 C) (lambda / 550)^v] 0.416 C^0.766,
         v = (log10 max(C, 0.02) - 0.3) / 2 for C < 2 mg m-3, else 0
 
-    (Morel and Maritorena 2001, eq. 12 to 14). Water itself scatters half of the light that it scatters backwards.
+    (Morel and Maritorena 2001, eq. 12 to 14). Of the light that pure water scatters, half is scattered backwards.
 
     Parameters
     ----------

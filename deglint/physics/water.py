@@ -82,7 +82,7 @@ def lee_2011(sun_zenith: npt.ArrayLike, view_zenith: npt.ArrayLike, relative_azi
 
 
 def lee_2011_terms(water: Iops) -> tuple[Array, Array, Array, Array]:
-    """Terms u, u^2, v, v^2 [1] of the equation of `lee_2011`, in the order of the coefficients Gw0, Gw1, Gp0, Gp1."""
+    """Factors u, u^2, v, v^2 [1] of the coefficients Gw0, Gw1, Gp0, Gp1 in `lee_2011`, which defines u and v."""
     k = water.absorption + water.backscattering
     u, v = water.water_backscattering / k, water.particle_backscattering / k
     return u, u * u, v, v * v

@@ -305,7 +305,7 @@ def _tile_shape(work: Correction) -> tuple[int, int]:
 
 
 def _with_stderr(work: Correction, threads: int) -> Correction:
-    """A copy of `work` that also computes standard errors. Raises InputError or FitError if this is not possible."""
+    """The correction `work`, made to compute standard errors, too. Raises InputError or FitError if it cannot do so."""
     if not work.changed:
         raise InputError("no band is corrected, so it has no standard error: leave out --stderr, or name --method.")
     names = {stage.name for stage in work.chain.before}
@@ -340,7 +340,7 @@ def _objects(work: Correction, after: Sample) -> list[npt.NDArray[np.float32]]:
 
 
 def _with_noise(work: Correction, threads: int) -> Correction:
-    """A copy of `work` with `noise` set to the noise of corrected pixels, including that of rounding to integers."""
+    """The correction `work` with `noise` set to that of corrected pixels, including noise by rounding to integers."""
     done, inside = zip(*on_threads(_tiles_of(work.scene), work.values, threads), strict=True)
     steps = np.array(raster_of(work.scene).info.scales) * (np.dtype(work.layout.dtype).kind in "iu")
     own = []

@@ -47,7 +47,7 @@ class Fitted:
     choice : Choice, optional
         The candidates that were tried on sample tiles, if the recipe left the choice open.
     undeclared : Undeclared
-        Nodata values and offsets that are not declared but were recognised in the pixels.
+        Nodata values, offsets and wavelengths that are not declared but were recognised in the pixels.
     """
 
     model: GlintModel
@@ -188,7 +188,7 @@ def _fit(job: Job, of_nir: str) -> Fitted:
 
 
 def _decide(job: Job) -> tuple[str, str, Choice | None, list[Training] | None]:
-    """Method, chain text, `Choice` and training tiles of a job; these two are None unless `Recipe.chain` is "auto"."""
+    """Method, chain text, `Choice` and training tiles of a job; the last two only if `Recipe.chain` is "auto"."""
     method, text = job.recipe.method, job.recipe.chain
     if text != "auto":
         return "wiener" if method == "auto" else method, text, None, None

@@ -40,7 +40,7 @@ FLAGS = {
     8: "negative after correction, in some band",
     16: "saturated before correction, in some band",
     32: "clipped to the output's integer range (less the number for nodata), in some band",
-    64: "replaced: glint of one instant, in some band, by the water beside it",
+    64: "replaced: glint, in some band, by the background, which is the water around",
     128: "protected: a target, which exceeds the water in a way that glint does not, and was restored",
 }  # bits of the first band of the flag raster
 NODATA, NOT_WATER, CORRECTED, NEGATIVE, SATURATED, CLIPPED, REPLACED, PROTECTED = FLAGS

@@ -46,8 +46,8 @@ class Overview:
 
 
 def overviews(scene: Scene, nir: int, threads: int, *, wanted: bool) -> Iterator[Overview]:
-    """Yield overviews of larger and larger parts of a scene, at last of the whole; if `wanted`, with the water in each,
-    and parts with few valid pixels (`LEAST_VALID`) are left out.
+    """Yield overviews of larger and larger parts of a scene, at last of the whole. If `wanted`, water is searched in
+    each part, and parts with few valid pixels (`LEAST_VALID`) are skipped.
     Raises NoWaterError if a scene of more than `MOST_OVERVIEW` pixels has no valid pixel in the 0-based band `nir`.
     """
     roles, bands = roles_of(scene, nir)

@@ -133,8 +133,8 @@ def setting(job: Job) -> Setting:
 
 
 def read_training(job: Job, *, for_chain: bool) -> list[Training]:
-    """Read the training tiles; `for_chain`, each with its halo and water. If they have more than 600,000 pixels in all,
-    only some of them are read, evenly spread, with about 300,000 pixels. They do not depend on the file's blocks.
+    """Read the training tiles; if `for_chain`, each with its halo and a mask of all water. If they have over 600,000
+    pixels in all, evenly spread tiles with about 300,000 are read, whatever the blocks in which the file is stored.
     """
     places: Sequence[Tile] = job.sampler.squares if job.sampler else job.overview.tiles
     if sum(tile.pixels for tile in places) > 2 * OVERVIEW_PIXELS:
@@ -198,7 +198,7 @@ def fit_training(job: Job, training: Sequence[Training], text: str, method: str)
 
 
 def chosen(job: Job, training: Sequence[Training]) -> Choice:
-    """Choose a candidate by trials on up to 8 squares, evenly spread parts of training tiles with large samples."""
+    """Choose a candidate by trials on up to 8 squares with a large sample; each square is a part of a training tile."""
     parts = [_part_of(t, job.scene) for t in training]
     pixels = sorted(int(p.sample.sum()) for p in parts)
     least = min(AS_LARGE * pixels[-1], pixels[-TRIED:][0])
@@ -219,7 +219,7 @@ def chosen(job: Job, training: Sequence[Training]) -> Choice:
 
 
 def _part_of(found: Training, scene: Scene) -> Training:
-    """Of the squares (`TRIED_SIDE`, `TRIED_HALO`) at a tile's corners, the first with sample pixels, else the first."""
+    """Part of a tile for trials: of the squares (`TRIED_SIDE`) at its corners the first with sample, else the first."""
     tile, side = found.tile, TRIED_SIDE
     rows, columns = ((low, max(high - side, low)) for low, high in tile.window)
     corners = [Tile(r, min(r + side, tile.row1), c, min(c + side, tile.col1)) for r in rows for c in columns]

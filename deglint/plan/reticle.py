@@ -47,7 +47,7 @@ class Light:
         angular = water.lee_2011(sun_zenith, zenith[:, None], azimuth - sun_azimuth)
         # water-leaving radiance: `background` of deep water, `target` over the object
         self.background = np.einsum("tb,tza->bza", [mean(term) for term in terms], angular)
-        kept, shine = _through(mission, sea, zenith, direct / (direct + diffuse))
+        kept, shine = _over_object(mission, sea, zenith, direct / (direct + diffuse))
         self.target = np.einsum("tbz,tza->bza", [mean(term[:, None] * kept) for term in terms], angular)
         self.target += mean(shine * (direct + diffuse)[:, None])[..., None]
 
@@ -171,7 +171,7 @@ def reticle(mission: Mission) -> Reticle:
     return Reticle(mission)
 
 
-def _through(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
+def _over_object(mission: Mission, sea: Iops, zenith: Floats, direct_fraction: Floats) -> tuple[Floats, Floats]:
     """Coefficients a [1] and b [1/sr]: the reflectance over the object is a times that of deep water, plus b.
 
     Both are (wavelength, zenith). `sea` is the water; `direct_fraction` (wavelength,) is direct over total irradiance.

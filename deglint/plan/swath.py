@@ -15,12 +15,12 @@ from ..physics._checks import Checked, Floats, ranged
 from .mission import SUN_LIMIT, Mission, tables_of
 
 FREE = 0.02  # a heading is good if at most this share of the view is in glint [1]
-SPOILT = 0.5  # share of the view in glint above which no heading is recommended [1]: most of the line is not usable
+USABLE = 0.5  # largest share of the view in glint for which a heading is recommended [1]: half of the line is of use
 _ACROSS, _ALONG = 121, 31  # number of points across and along the field of view
 HEADINGS = np.arange(0.0, 360.0, 15.0)  # headings that are tried for alternatives [degree]
 TIME_STEP = 30  # step between the times that are tried [minute]
 TILTS = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # pitch and roll that are tried, to either side [degree]
-GAIN = 0.5  # an alternative with glint must have less than this fraction of the glint of the plan [1]
+WORTHWHILE = 0.5  # an alternative with glint must have less than this fraction of the glint of the plan [1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class Line:
         least, most = float(self.fraction[self.best]), float(self.fraction[self.worst])
         self.is_good = least <= FREE  # whether at most `FREE` of the view is in glint on the best heading
         self.is_any = most < 5e-4  # whether any heading will do: less than 0.05 % of the view is in glint on the worst
-        self.is_recommended = not self.is_any and least <= SPOILT  # whether the best is usable, and better than others
+        self.is_recommended = not self.is_any and least <= USABLE  # whether the best is usable, and better than others
 
     def words(self) -> str:
         """Text that recommends a heading, or states that any heading is good, or that none is."""
@@ -76,7 +76,7 @@ class Line:
         )
         if self.fraction[self.best] > 0.995:
             return f"No heading is good: all of the view ({where}) is in glint on every one."
-        if self.fraction[self.best] > SPOILT:
+        if self.fraction[self.best] > USABLE:
             return f"No heading is good: at least {least} of the view ({where}) is in glint, heading {best}."
         return f"Fly heading {best}: {least} of the view ({where}) in glint; worst is {worst} with {most}."
 
@@ -112,7 +112,7 @@ class Alternative:
     roll: float  # of the sensor, to the right positive [degree]
 
     def words(self) -> str:
-        """Text that recommends the alternative; for another tilt, with pitch and roll from nadir that are not 0."""
+        """Text that recommends the alternative: its time, or else its pitch and roll (those that are not 0)."""
         end = f"fly heading {self.heading:03.0f}: {100 * self.fraction:.0f} % of the view in glint."
         if self.time is not None:
             return f"Another time: at {str(self.time)[:16].replace('T', ' ')} UTC {end}"
@@ -127,7 +127,7 @@ def alternatives(mission: Mission, line: Line) -> tuple[Alternative, ...]:
 
     The time is the one nearest to that of the mission, and the tilt the one with the smallest angle, for which at most
     the share `FREE` of the view is in glint. If there is none, the time (or tilt) with the least glint is selected, if
-    its share is below `GAIN` times that on the best heading of `line`. The result is empty if `line.is_good`.
+    its share is below `WORTHWHILE` times that on the best heading of `line`. The result is empty if `line.is_good`.
     """
     if line.is_good:
         return ()
@@ -143,7 +143,7 @@ def _nearest(tried: Iterator[Alternative], line: Line) -> Alternative | None:
             return one
         found.append(one)
     least = min(found, key=lambda one: one.fraction, default=None)
-    return least if least and least.fraction < GAIN * line.fraction[line.best] else None
+    return least if least and least.fraction < WORTHWHILE * line.fraction[line.best] else None
 
 
 def _times(mission: Mission, view: FieldOfView) -> Iterator[Alternative]:

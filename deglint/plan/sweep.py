@@ -92,7 +92,7 @@ def table(moments: list[Moment]) -> list[str]:
     for m in moments:
         head = f"{str(m.time)[:16].replace('T', ' '):<17}{90 - m.sun_zenith:>4.0f}°"
         if m.geometry is None:
-            why = "none: all are spoilt" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
+            why = "none: all are excluded" if m.sun_zenith <= SUN_LIMIT else "the sun is down"
             out.append(f"{head}{why:>32}")
             continue
         seen = m.geometry

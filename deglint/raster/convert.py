@@ -149,7 +149,7 @@ def _moved(stored: npt.NDArray[Any], good: Valid, nodata: float | None) -> Valid
 def relaid(
     raw: npt.NDArray[Any], valid: Any, own: Sequence[float | None], dtype: str, nodata: float | None
 ) -> tuple[npt.NDArray[Any], Valid]:
-    """Convert file values to the type `dtype` and the nodata value of an output; integers: NaN becomes it (0 if None).
+    """Convert file values to the type `dtype` and the `nodata` of an output. In integers, NaN becomes `nodata`, or 0.
 
     A valid value that equals `nodata` is moved to the next number. Returns the new values, and the mask of valid values
     that were clipped, or moved because an integer equalled `nodata`. Arrays are (band, row, column). `valid` is the

@@ -244,7 +244,7 @@ def add_overviews(path: Path, options: Mapping[str, Any], *, average: bool) -> N
 
 @contextlib.contextmanager
 def writing_all(scratch: Scratch, images: Mapping[str, tuple[Path, Layout]]) -> Iterator[dict[str, RasterWriter]]:
-    """Provide writers by name in a `with` block, for `images` (target and layout by name); add .aux.xml for flags."""
+    """Open a writer for each of `images` (name: target, layout) in a `with` block; write .aux.xml beside flags."""
     for target, layout in images.values():
         if layout.flags:
             write_text(scratch, Path(f"{target}.aux.xml"), _categories(layout))

@@ -211,7 +211,7 @@ def _given(given: BandProperties) -> Given:
 
 
 def _with_given(info: RasterInfo, given: Given) -> RasterInfo:
-    """A copy of `info` with the properties that the user gives. Raises InputError if their number does not fit."""
+    """A copy of `info` with the names, wavelengths, scales and offsets `given`; InputError if not one for each band."""
     total, path = info.count, ", ".join(info.paths)
     every = {k: v * total if k in ("scale", "offset") and len(v) == 1 else v for k, v in given.items()}
     for option, values in every.items():

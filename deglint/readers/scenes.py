@@ -111,7 +111,7 @@ def items_of(document: Mapping[str, Any], path: str) -> list[Mapping[str, Any]]:
 
 
 def bands_of_item(item: Mapping[str, Any], path: str, keys: Sequence[str] = ()) -> list[Asset]:
-    """Assets with the bands of a STAC Item, selected by `keys`, else by `_chosen`. `path` is the Item's file or URL."""
+    """Assets of a STAC Item that hold its bands: those of `keys`, or as in `list_scenes`. `path`: its file or URL."""
     assets, what = item["assets"], f"{path}: item {item['id'][:80]!r}"
     if missing := [k for k in keys if k not in assets]:
         raise InputError(

@@ -17,7 +17,7 @@ def plan(request: FitRequest) -> SamplePlan:
 
 
 def fit(request: FitRequest, stats: SampleStatistics) -> GlintModel:
-    """Fit L'_i = L_i - f (L_i(brightest) - L_i(darkest)) with L_i band i, f = (NIR - min NIR) / (max NIR - min NIR).
+    """Fit L'_i = L_i - f (L_i(p) - L_i(q)), f = (NIR - NIR(q)) / (NIR(p) - NIR(q)); NIR: maximum at p, minimum at q.
 
     Hochberg, Andrefouet, Tyler (2003), "Sea surface correction of high spatial resolution Ikonos images to improve
     bottom mapping in near-shore environments", IEEE Transactions on Geoscience and Remote Sensing 41, 1724-1729,

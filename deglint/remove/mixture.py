@@ -110,7 +110,7 @@ def _fitted(
 
 
 def _robust(grams: LagGrams, inputs: list[int], output: list[int]) -> Float64:
-    """Coefficients (input, 1; see `solve`) that minimise the sum over all squares of the root mean square residual."""
+    """Coefficients (input, 1; see `solve`) for which the sum of the squares' root mean square residuals is least."""
     weight = np.ones(len(grams.grams))
     for _ in range(REWEIGHTED):
         found = solve((weight[:, None, None] * grams.grams).sum(axis=0), inputs, output)  # the same for any threads

@@ -50,11 +50,11 @@ class ReferenceRule:
 
 
 def fit_reference(
-    looks: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False, smooth: bool = False
+    tiles: Iterable[tuple[FloatArray, Mask]], band: int, *, edge: int = 1, sparkle: bool = False, smooth: bool = False
 ) -> ReferenceRule:
     """Make the rule of a reference: measure on open water by how much glint exceeds the mean of the water around it.
 
-    looks : for each tile the band and a mask of open water away from shores, (row, column); too little water: no limit
+    tiles : for each tile the band and a mask of open water away from shores, (row, column); too little water: no limit
     band : 0-based band of the reference
     edge : width of the mixed pixels along shores and ships [pixel]; 2 for a band of half the resolution
     sparkle : True if pixels may resolve sparkle, with few very bright flashes. Then, and if glint is on a part of the
@@ -62,13 +62,13 @@ def fit_reference(
         the 99th and the 99.9th percentile of the excess
     smooth : whether `clean` reduces the noise of the reference (`_smoothed`)
     """
-    looks = [(values, sample & np.isfinite(values)) for values, sample in looks]
-    found = [values[sample] for values, sample in looks if sample.any()]
+    tiles = [(values, sample & np.isfinite(values)) for values, sample in tiles]
+    found = [values[sample] for values, sample in tiles if sample.any()]
     low = min((float(v.min()) for v in found), default=0.0)
     high = max((float(v.max()) for v in found), default=0.0)
     rule = ReferenceRule(band, np.inf, np.inf, low, (high - low) / GRAINS or 1.0, edge)
     tops, means, excesses = [], [], []
-    for values, sample in looks:
+    for values, sample in tiles:
         total, count = _sums(_grains(values, rule), sample)
         mean = _mean(total, count, rule)
         excess = np.where(sample & (count >= LEAST_LOCAL), values - mean, -np.inf)
@@ -81,7 +81,7 @@ def fit_reference(
     often, seldom = np.maximum(np.percentile(np.concatenate(excesses), [OFTEN, 99.9]), np.finfo(np.float32).tiny)
     if sparkle or often > limit:
         limit = max(limit, min(float(seldom * (seldom / often) ** 3), float(np.finfo(np.float32).max)))
-    s = noise([np.where(i, v, 0).astype(np.float32) for v, i in looks], [i for _, i in looks]) if smooth else 0.0
+    s = noise([np.where(i, v, 0).astype(np.float32) for v, i in tiles], [i for _, i in tiles]) if smooth else 0.0
     return ReferenceRule(band, limit, min(means) + limit, low, rule.step, edge, s)
 
 
@@ -126,7 +126,7 @@ def _smoothed(values: FloatArray, rule: ReferenceRule) -> FloatArray:
 
 
 def _replaced(values: FloatArray, water: Mask, rule: ReferenceRule) -> tuple[FloatArray, Mask | None]:
-    """The same as `clean`, without reducing noise."""
+    """The result of `clean`, which has the same arguments, before its noise is reduced."""
     water = water & np.isfinite(values)
     bright = water & (values > rule.least)
     everywhere = bool(water.all())

@@ -14,8 +14,8 @@ from .detrend import LOCAL_MEAN
 from .model import BandFit, GlintIndex, GlintModel
 from .statistics import REGRESSIONS, SamplePlan, SampleStatistics, explained, standard_error
 
-MIN_PIXELS = 64  # fewest pixels for fitting a slope
-FEW_PIXELS = 1000  # a fit to fewer pixels has a warning
+MIN_PIXELS = 64  # fewest pixels for fitting a slope: its standard error is 13 % where R2 is 0.5
+FEW_PIXELS = 1000  # a fit to fewer pixels has a warning: the standard error of a slope exceeds 3 % where R2 is 0.5
 LOW_R2 = 0.3  # a band with a smaller R2 has a warning: the index does not explain it
 SIGNIFICANT = 3.0  # a slope that exceeds zero by fewer standard errors has a warning
 

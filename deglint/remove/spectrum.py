@@ -23,7 +23,7 @@ class CommonGlint(NamedTuple):
 
     @property
     def hidden(self) -> Float64:
-        """What the new responses lack of the slopes of glint, (band,); 0 where they lack nothing."""
+        """Slopes of glint minus new responses, (band,), if positive; else, or where a slope of glint is NaN, 0."""
         return np.fmax(self.of_glint - self.response, 0)
 
 

@@ -66,18 +66,18 @@ def find_kernels(grams: LagGrams) -> tuple[Float64, Float64] | None:
         if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:
             return None
         two = [solve(grams.grams[second == k].sum(axis=0), inputs, outputs) for k in (False, True)]
-    left = np.minimum(*(_left(grams, kernel) for kernel in two)).sum()
-    saved = 1 - np.sqrt(left / _left(grams, one).sum())
+    left = np.minimum(*(_residual_power(grams, kernel) for kernel in two)).sum()
+    saved = 1 - np.sqrt(left / _residual_power(grams, one).sum())
     return (two[0], two[1]) if saved > SPLIT_WORTH else None
 
 
 def second_is_better(grams: LagGrams, kernels: Sequence[Float64]) -> Mask:
     """Mask (square,) of those image squares whose glint the second of two `kernels` predicts better than the first."""
-    first, second = (_left(grams, kernel) for kernel in kernels)
+    first, second = (_residual_power(grams, kernel) for kernel in kernels)
     return np.asarray(second < first)
 
 
-def _left(grams: LagGrams, kernel: Float64) -> Float64:
+def _residual_power(grams: LagGrams, kernel: Float64) -> Float64:
     """Residual power (square,) of a 3 x 3 `kernel` (input, band): sum over bands, each over its power in the sample."""
     inputs, outputs = grams.columns(0, 3), grams.outputs
     power = np.maximum(grams.grams.sum(axis=0)[outputs, outputs], np.finfo(float).tiny)

@@ -195,7 +195,7 @@ def _gathered(band_set: BandSet, learnt: Sequence[_Learnt]) -> LagGrams:
 
 
 def _by_strip(grams: Sequence[LagGrams], strips: Strips) -> list[list[LagGrams]]:
-    """Split `grams` (one for each set of bands) by kind of strip, [kind][set], unless a kind has too few squares."""
+    """Split each set's squares by the kind of detector strip they lie in, [kind][set]; one kind if a kind has few."""
     middle = grams[0].places + CELL // 2
     second = np.array([strips.share((r, r + 1), (c, c + 1))[0, 0] > 0.5 for r, c in middle], np.bool_)
     if min(int(second.sum()), int((~second).sum())) < LEAST_SQUARES_OF_KIND:

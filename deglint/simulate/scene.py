@@ -256,7 +256,7 @@ class _Shot:
         self.grids = [(np.empty((2, *self.water.shape), np.float32), offset) for offset in offsets]
 
     def pixels(self, spectrum: Any, i: int, off: float = 0.0) -> Floats:
-        """Blurred, misregistered image in band i from a layer's transform; pixels lie `off` [pixel] down and right."""
+        """Band i, (row, column), of a layer with Fourier transform `spectrum`: blurred, displaced by `off` [pixel]."""
         setup = self.setup
         down, right = setup.misregistration[i] if setup.misregistration else (0.0, 0.0)
         wavelength, shift = setup.sensor.bands[i].wavelength, (down + off, right + off)

@@ -30,7 +30,7 @@ EDGE_MARGIN = 16  # columns added to an image with a coast or a bottom [pixel]: 
 
 WINDS = (2.0, 5.0, 9.0, 12.0)  # wind speeds of `experiments` [m/s]
 DELAYS = (0.0, 0.010, 0.060)  # delays of `experiments` from each band to the next [s]
-LOOKS = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
+GEOMETRIES = ((0.0, 0.0), (20.0, 180.0), (40.0, 180.0), (40.0, 90.0), (40.0, 0.0))
 """Viewing geometries of `experiments`: view zenith, and azimuth of the sensor minus azimuth of the sun [degree]."""
 F_NUMBERS = (10.0, 30.0)  # f-numbers of `experiments`
 
@@ -246,14 +246,14 @@ def experiments(
 ) -> Iterator[tuple[str, Setup]]:
     """Yield a name and a setup for every combination of wind, viewing geometry, delay between bands, and f-number.
 
-    `winds` are in [m/s], `delays` from each band to the next in [s]; geometries are `LOOKS`, f-numbers `F_NUMBERS`.
-    All else but the seed is as in `base`. A name holds wind [m/s], delay [ms], an entry of `LOOKS` [degree], f-number.
+    `winds` are in [m/s], `delays` from each band to the next in [s]; `GEOMETRIES` and `F_NUMBERS` have the others. All
+    else but the seed is as in `base`. A name holds wind [m/s], delay [ms], viewing geometry [degree] and f-number.
     Setups that differ only in delay or f-number have the same seed, and therefore the same sea.
 
     >>> [name for name, _ in experiments(Setup(), winds=[9.0], delays=[0.06])][:2]
     ['wind09_delay060_view00_000_f10', 'wind09_delay060_view00_000_f30']
     """
-    for place, (wind, (zenith, turn)) in enumerate(product(winds, LOOKS)):
+    for place, (wind, (zenith, turn)) in enumerate(product(winds, GEOMETRIES)):
         azimuth, seed = (base.sun_azimuth + turn) % 360, base.seed + place
         for delay, f_number in product(delays, F_NUMBERS):
             ms = f"{1000 * delay:013.9f}".rstrip("0").rstrip(".")  # such as 060 or 000.25

@@ -153,7 +153,7 @@ def thesis_array(
     reflectances : sequence of float
         Reflectance of each column of squares [1].
     sides : sequence of float, optional
-        Side of the squares in each row [pixel], cycled over size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
+        Side of the squares of each row [pixel], repeated to size[0] // 64 rows; default: those of 2, 4, 8, 16 that fit.
     depth : float
         Depth of all squares [m].
 

@@ -112,9 +112,9 @@ def motions(scene: Scene, area: float | None, found: Sequence[Object]) -> list[d
 
 
 def described(found: Object, kind: str, rate: float, real: float, move: Move | None) -> dict[str, Any]:
-    """Properties of an object: score, rates, `kind`; with `move` (see `to_wgs84`) also position, size [m] and bearing.
-    `rate` is the expected number of false objects per km2, `real` the probability that the object is real; NaN if not
-    known. Score: -log10(rate), or `Object.score_max` without `rate`. Bearing: of the longer side; None if nearly round.
+    """Properties of an object: score, rates, kind; with `move` (see `to_wgs84`) also position, size [m] and bearing.
+    `kind`, `rate` [1/km2] and `real` are as in `detect.sea.search.Rated`. The score is -log10(rate), or `score_max` if
+    the rate is not known. The bearing is that of the longer side; None if the object is nearly round.
     """
     known = math.isfinite(rate)
     numbers: dict[str, Any] = {

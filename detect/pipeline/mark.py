@@ -112,7 +112,7 @@ class Marker:
         return [r._replace(found=replace(r.found, label=i)) for i, r in enumerate(rated, start=1)]
 
     def _alongside(self, threshold: Threshold, afloat: int) -> list[Rated]:
-        """Objects alongside a quay above the threshold, at rates up to the requested ("peaks") or `afloat` / area."""
+        """Objects alongside a quay above the threshold, up to the rate that it has ("peaks") or `afloat` / area."""
         clutter = self._clutter
         dimmest = max(threshold.value, clutter.large[1])  # quays and clutter are dimmer than this
         found = [o for o in self._found(self.beside[ALONGSIDE]) if o.score_max > dimmest]

@@ -165,7 +165,7 @@ def _first_band(scene: Scene) -> Array:
 
 
 def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask]:
-    """Read object numbers (0: background) and valid pixels, (row, column), on the first scores' `grid`; add `notes`."""
+    """Read the truth: object number of each pixel (0: background) and valid mask, on `grid`; add lines to `notes`."""
     path = request.truth
     if Path(path).suffix.lower() in (".geojson", ".json"):
         drawn = _drawn(path, grid, notes)
@@ -183,7 +183,7 @@ def _truth(request: Request, grid: Scene, notes: list[str]) -> tuple[Int32, Mask
 
 
 def _drawn(path: str, grid: Scene, notes: list[str]) -> Int32:
-    """Number, from 1, of the last GeoJSON feature that holds a pixel's centre, else 0; lost ones go to `notes`."""
+    """Number, from 1, of the last GeoJSON feature on each pixel's centre, (row, column); else 0. Adds to `notes`."""
     document = read_json(path, "TRUTH")
     given = document.get("features")
     features = given if isinstance(given, list) and given else [document]

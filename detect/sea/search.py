@@ -81,7 +81,7 @@ class Clutter:
         return min(this / max(highest, _LEAST_SURVIVAL), 1.0) / self.area
 
     def score_at(self, false_per_km2: float) -> float:
-        """`Object.score_top` that `false_per_km2` false objects per km2 reach. Raises InputError if `area` is NaN."""
+        """The `score_top` that `false_per_km2` false objects per km2 exceed. Raises InputError if `area` is NaN."""
         if not self.area > 0:
             raise InputError("false-per-km2 needs the size of a pixel, and the scene has no CRS. Give --pfa.")
         count = len(self.peaks)

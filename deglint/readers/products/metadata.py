@@ -107,11 +107,11 @@ class Container:
             root = xml_of(data, member)
         elif ending.endswith(".json"):
             try:
-                root = _grown("", json.loads(data))
+                root = _element("", json.loads(data))
             except (ValueError, RecursionError) as error:
                 raise MetadataError(member, "it is not JSON") from error
         else:
-            root = _grown("", groups_of(data.decode("utf-8-sig", errors="replace")))
+            root = _element("", groups_of(data.decode("utf-8-sig", errors="replace")))
         if needs and root.find(f".//{needs}") is None:
             raise MetadataError(member, f"it has no {needs}")
         return root
@@ -155,11 +155,11 @@ def xml_of(data: bytes, name: str) -> ET.Element:
     return root
 
 
-def _grown(tag: str, value: Any) -> ET.Element:
+def _element(tag: str, value: Any) -> ET.Element:
     """Make an element `tag` with `value` as text, or with one child per entry of a JSON object; lists are left out."""
     node = ET.Element(tag)
     if isinstance(value, Mapping):
-        node.extend(_grown(str(k), v) for k, v in value.items())
+        node.extend(_element(str(k), v) for k, v in value.items())
     elif isinstance(value, (str, int, float)):
         node.text = str(value)
     return node

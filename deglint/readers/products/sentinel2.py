@@ -157,9 +157,9 @@ def _angles(container: Container, granule: str) -> dict[str, str]:
 
 
 def _mean_direction(nodes: list[ET.Element]) -> tuple[float | None, float | None]:
-    """Zenith angle and azimuth [degree] of the mean direction of `nodes`, or None twice if none states both angles.
+    """Zenith angle and azimuth [degree] of the mean of directions, each from an XML node; None twice if none is known.
 
-    Azimuths of 350 and 10 have the mean 0.
+    It is the mean of unit vectors: azimuths of 350 and 10 have the mean 0. Nodes without both angles are ignored.
     """
     stated = [(said_number(n, "ZENITH_ANGLE"), said_number(n, "AZIMUTH_ANGLE")) for n in nodes]
     known = [(math.radians(z), math.radians(a)) for z, a in stated if z is not None and a is not None]
