@@ -233,7 +233,8 @@ def test_libraries_have_one_thread_each_while_a_fit_runs(sea, write, tmp_path):
         scene = library.open_scene(write(tmp_path / "in.tif", scene_of(sea), nodata=0))
         library.fit_scene(scene, threads=2, progress=lambda *_: seen.append(threads_of_libraries()))
         assert set(threads_of_libraries()[1:]) == {2}
-    assert seen and all(set(counts) == {1} for counts in seen)
+    assert seen
+    assert all(set(counts) == {1} for counts in seen)
     assert threads_of_libraries() == before
 
 

@@ -235,7 +235,7 @@ def _judged(
         np.array([t.signals for t in trials]),
         np.array([t.gains["discs"] for t in trials]),
         0.0 if spectrum is None else _own_signal(sample, inside, unit, setting, spectrum),
-        EDGES if setting.delayed else 0.0,  # at one instant openings erase small signals, as `REPLACING` says
+        EDGES if setting.delayed else 0.0,  # of simultaneous bands openings erase small signals, as `REPLACING` says
     )
     results, opened = [r.images for r in runs.values()], [c.opens for c in runs]
     if any(opened) and any(m.any() for m in inside):

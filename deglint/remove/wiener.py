@@ -167,9 +167,9 @@ def _rules(request: FitRequest, tiles: Sequence[SampleTile], references: Sequenc
     rules = {}
     for r in references:
         edge = COARSE_EDGE if (request.bands[r].wavelength or 0) > SHORTEST_SWIR else 1
-        looks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
+        blocks = [(t.block[r], mask) for t, mask in zip(tiles, known, strict=True)]
         smooth = request.sparkle and not request.faint  # at coarse pixels, fine waves look like noise
-        rules[r] = fit_reference(looks, r, edge=edge, sparkle=request.faint or request.sparkle, smooth=smooth)
+        rules[r] = fit_reference(blocks, r, edge=edge, sparkle=request.faint or request.sparkle, smooth=smooth)
     return rules
 
 
