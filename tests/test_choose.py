@@ -146,6 +146,8 @@ def test_the_partner_of_a_band_is_the_nearest_in_wavelength_at_another_time():
     unit = np.array([1, 1, 1, 1, np.inf], np.float32)
     assert partners(Setting(bands, (4,)), unit) == {0: 1, 1: 0, 2: 3, 3: 2}
     assert partners(Setting((*bands[:2], replace(bands[2], time_offset=0.05)), ()), unit[:3]) == {0: 1, 1: 0, 2: 1}
+    unknown = replace(bands[0], wavelength=None), *bands[1:]  # nothing says that it is near in wavelength
+    assert partners(Setting(unknown, (4,)), unit)[1] == 3
     assert partners(Setting(tuple(replace(b, time_offset=None) for b in bands), (4,)), unit) == {}
 
 

@@ -105,7 +105,7 @@ def partners(setting: Setting, unit: Float32) -> dict[int, int]:
         return found
     for b in judged:
         if len(other := judged[np.abs(times[judged] - times[b]) >= LASTS]):
-            found[int(b)] = int(other[np.argmin(np.nan_to_num(np.abs(waves[other] - waves[b])))])
+            found[int(b)] = int(other[np.argmin(np.nan_to_num(np.abs(waves[other] - waves[b]), nan=np.inf))])
     return found
 
 
