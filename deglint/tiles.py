@@ -149,8 +149,8 @@ def default_threads(threads: int | None = None) -> int:
 def one_thread_each() -> Iterator[None]:
     """Context (also a decorator) in which OpenCV and BLAS use one thread each, while tiles occupy all processors.
 
-    Threads of BLAS wait in busy loops: without this, they double the time of a fit on two processors. The limits end
-    with the last of contexts that overlap, as several threads may call this package.
+    Threads of BLAS wait in busy loops, and would take the processors from the tiles. The limits end with the last of
+    contexts that overlap, as several threads may call this package.
     """
     import cv2
     from threadpoolctl import threadpool_limits

@@ -63,15 +63,21 @@ class SampleTile:
 
 
 @dataclass(frozen=True, eq=False)
-class _Learnt:
+class _Cleaned:
     """A sample tile whose references (NIR, SWIR) no longer have ships, surf and land."""
 
     references: dict[int, FloatArray]  # (row, column) by 0-based band, without ships, surf and land
     bands: list[FloatArray]  # (row, column) of each band to correct
     sample: Mask  # (row, column): pixels for the level
     origin: tuple[int, int]  # row and column of the tile in the scene
-    teaches: Mask  # (row, column): pixels for the kernels
-    flat: Float64  # (plane, row, column): references, then bands, minus local planes over `teaches` unless "ols"
+
+
+class _KernelTile(NamedTuple):
+    """A sample tile with what the fit of kernels needs."""
+
+    tile: _Cleaned
+    sample: Mask  # (row, column): pixels for the kernels
+    flat: Float64  # (plane, row, column): references, then bands, minus local planes over `sample` unless "ols"
     weights: dict[int, FloatArray]  # (row, column) by NIR band: weight of each pixel in a fit to faint glint, else {}
 
 
@@ -80,7 +86,8 @@ class Prepared(NamedTuple):
 
     request: FitRequest
     rules: dict[int, ReferenceRule]
-    tiles: list[_Learnt]
+    tiles: list[_Cleaned]
+    kernel_tiles: list[_KernelTile]
     notes: tuple[str, ...]  # warnings for the model
 
 
@@ -112,7 +119,10 @@ def prepare(request: FitRequest, tiles: Sequence[SampleTile]) -> Prepared:
     """Prepare the tiles of a sample for fits with the references of `request`, or some of its further references."""
     request, notes = _without_constant(request, tiles)
     rules = _rules(request, tiles, list(dict.fromkeys(r for s in band_sets(request) for r in s.references)))
-    return Prepared(request, rules, _trusted([_learnt(tile, request, rules) for tile in tiles], request), notes)
+    cleaned = [_cleaned(tile, request, rules) for tile in tiles]
+    inside = _trusted(cleaned, request)
+    of_kernels = [_kernel_tile(t, i, request) for t, i in zip(cleaned, inside, strict=True)]
+    return Prepared(request, rules, cleaned, of_kernels, notes)
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # as in `fit`
@@ -120,9 +130,9 @@ def fit_without_levels(
     ready: Prepared, *, strips: Strips | Callable[[SquareKinds], Strips] | None = None
 ) -> tuple[GlintModel, Float64]:
     """Fit the model of `fit` to a prepared sample, with levels 0; also return the slopes of glint alone, (band,)."""
-    request, rules, learnt, notes = ready
+    request, rules, _, kernel_tiles, notes = ready
     sets = band_sets(request)
-    grams = [_gathered(s, learnt) for s in sets]
+    grams = [_gathered(s, kernel_tiles) for s in sets]
     if not all(len(g.grams) for g in grams):
         raise FitError(
             "too little open water to learn from: no square of 64 x 64 pixels holds enough. Pass --sample or --mask "
@@ -177,20 +187,19 @@ def _kinds(
     request: FitRequest, rules: dict[int, ReferenceRule], pair: tuple[Float64, Float64], tile: SampleTile
 ) -> tuple[npt.NDArray[np.int64], Mask]:
     """Positions of a tile's squares, (square, 2); mask (square,) where the second kernel of `pair` predicts better."""
-    learnt = _learnt(tile, request, rules)
-    grams = _gathered(band_sets(request)[0], [_for_kernels(learnt, learnt.sample, request)])
+    cleaned = _cleaned(tile, request, rules)
+    grams = _gathered(band_sets(request)[0], [_kernel_tile(cleaned, cleaned.sample, request)])
     return grams.places, second_is_better(grams, pair)
 
 
-def _gathered(band_set: BandSet, learnt: Sequence[_Learnt]) -> LagGrams:
+def _gathered(band_set: BandSet, tiles: Sequence[_KernelTile]) -> LagGrams:
     """Gram matrices of squares for a set of bands."""
     sides = [max(s[k] for s in band_set.supports if len(s) > k) for k in range(len(band_set.references))]
     parts = []
-    for t in learnt:
-        of_reference = [t.flat[list(t.references).index(r)] for r in band_set.references]
-        of_band = [t.flat[len(t.references) + b] for b in band_set.bands]
-        weight = t.weights.get(band_set.references[0])
-        parts.append(gather(of_reference, of_band, t.teaches, sides=sides, origin=t.origin, weight=weight))
+    for tile, sample, flat, weights in tiles:
+        of_reference = [flat[list(tile.references).index(r)] for r in band_set.references]
+        of_band, weight = [flat[len(tile.references) + b] for b in band_set.bands], weights.get(band_set.references[0])
+        parts.append(gather(of_reference, of_band, sample, sides=sides, origin=tile.origin, weight=weight))
     return merge(parts)
 
 
@@ -234,43 +243,40 @@ def _serves(band: Band) -> bool:
     return not vapour and 750 <= wave <= 2400
 
 
-def _learnt(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Learnt:
+def _cleaned(tile: SampleTile, request: FitRequest, rules: dict[int, ReferenceRule]) -> _Cleaned:
     """Prepare a tile: `clean` its references by `rules`; the sample excludes pixels too bright for glint, and NaN."""
     references, sample = {}, tile.sample & np.isfinite(tile.block[[*request.correct, *rules]]).all(axis=0)
     for r, rule in rules.items():
         references[r], exceeds = clean(tile.block[r], tile.water, rule)
         if exceeds is not None:
             sample = sample & ~exceeds
-    bands = [tile.block[b] for b in request.correct]
-    return _Learnt(references, bands, sample, tile.origin, sample, np.empty((0, *sample.shape)), {})
+    return _Cleaned(references, [tile.block[b] for b in request.correct], sample, tile.origin)
 
 
-def _trusted(learnt: Sequence[_Learnt], request: FitRequest) -> list[_Learnt]:
-    """Prepare tiles for the fit of kernels, without outliers, and without water where the NIR shows the bottom unless
-    no square of pixels would be left.
+def _trusted(cleaned: Sequence[_Cleaned], request: FitRequest) -> list[Mask]:
+    """Masks of the pixels for the kernels: the samples without outliers, and without water where the NIR shows the
+    bottom; but the whole samples if no square (`kernel_squares`) would be left.
 
     In a fit to faint glint outliers have little weight (`faint_weight`) instead. If waves are resolved, what looks like
     bottom may be glint, and is not excluded.
     """
-    inside = [t.sample for t in learnt]
+    every = inside = [t.sample for t in cleaned]
     if not (request.faint and request.resolved):
-        high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in learnt]
+        high = [detrend(np.stack([*t.references.values(), *t.bands]), t.sample) for t in cleaned]
         if not request.faint:
             inside = _without_outliers(high, inside)
         if not request.resolved and any(i.any() for i in inside):
-            inside = _without_bottom(high, inside, len(learnt[0].references))
-    if not any(any(kernel_squares(i)) for i in inside):
-        inside = [t.sample for t in learnt]
-    return [_for_kernels(t, i, request) for t, i in zip(learnt, inside, strict=True)]
+            inside = _without_bottom(high, inside, len(cleaned[0].references))
+    return inside if any(any(kernel_squares(i)) for i in inside) else every
 
 
-def _for_kernels(tile: _Learnt, teaches: Mask, request: FitRequest) -> _Learnt:
-    """The tile with all that a fit of kernels to the pixels `teaches` needs."""
+def _kernel_tile(tile: _Cleaned, sample: Mask, request: FitRequest) -> _KernelTile:
+    """Subtract local planes from a tile, and weight its pixels, for a fit of kernels to the pixels `sample`."""
     flat = np.stack([*tile.references.values(), *tile.bands]).astype(np.float64)
     if request.regression != "ols":
-        flat = detrend_plane(flat, teaches)
+        flat = detrend_plane(flat, sample)
     weights = {r: faint_weight(tile.references[r], tile.sample) for r in {*request.nir}} if request.faint else {}
-    return replace(tile, teaches=teaches, flat=flat, weights=weights)
+    return _KernelTile(tile, sample, flat, weights)
 
 
 def _without_outliers(high: Sequence[Float64], inside: Sequence[Mask]) -> list[Mask]:
@@ -337,7 +343,7 @@ def _indexes(fitted: Sequence[KernelFit], common: CommonGlint, slopes: Sequence[
     return tuple(out[p] for p in range(len(slopes)))
 
 
-def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], learnt: Sequence[_Learnt], side: int) -> LevelSample:
+def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], cleaned: Sequence[_Cleaned], side: int) -> LevelSample:
     """Values from which levels are determined, of the bands with the indices `some`; local means are of squares of
     `side` pixels.
     """
@@ -345,7 +351,7 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], learnt: Sequenc
 
     slopes = np.array([f.slope for f in model.fits])[some]
     parts: list[tuple[npt.NDArray[Any], ...]] = []
-    for tile in learnt:
+    for tile in cleaned:
         if tile.sample.any():
             found = np.stack(list(predictions(tile.references, model, tile.origin)))[some]
             together = np.tensordot(slopes, found, 1)
@@ -360,13 +366,13 @@ def _level_sample(model: GlintModel, some: npt.NDArray[np.intp], learnt: Sequenc
     return LevelSample(*(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True)))
 
 
-def _with_level(model: GlintModel, of_glint: Float64, learnt: Sequence[_Learnt], request: FitRequest) -> GlintModel:
+def _with_level(model: GlintModel, of_glint: Float64, cleaned: Sequence[_Cleaned], request: FitRequest) -> GlintModel:
     """The model with the levels of `shared_level`, their error and floors, and a warning if levels are uncertain."""
     every = np.array([f.slope for f in model.fits])
     some = np.flatnonzero(every)  # bands without glint are not changed
     slopes, of_glint = every[some], of_glint[some]
     # errors of the kernels extend over resolved waves, so that only means of wider squares suppress them
-    sample = _level_sample(model, some, learnt, LOCAL_MEAN if request.resolved else kernels.SIDE)
+    sample = _level_sample(model, some, cleaned, LOCAL_MEAN if request.resolved else kernels.SIDE)
     level, interval = shared_level(sample, slopes, of_glint, resolved=request.resolved)
     error = shared_level_error(sample, slopes, of_glint, resolved=request.resolved) if request.level_error else None
     waves = [request.bands[request.correct[k]].wavelength or 560.0 for k in some]
