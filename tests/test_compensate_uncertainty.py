@@ -19,6 +19,7 @@ from deglint.scene import Band
 SAMPLES = Path(__file__).parents[1] / "sample_data"
 BANDS = (Band("B", 490), Band("NIR", 840))
 NOTHING = GlintModel("wiener", (GlintIndex((1,), (1.0,)),), (), ("B", "NIR"))
+BOTH = replace(NOTHING, fits=tuple(BandFit(b, name, 0, 0.0) for b, name in enumerate(NOTHING.band_names)))
 
 
 def opened(state):
@@ -43,10 +44,24 @@ def test_a_trial_tells_the_error_of_what_was_replaced(seed):
     done = opened(state)
     nothing = np.zeros_like(state.raw)
     errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (state.water,)), [nothing], opened)
-    claimed = stderr(done, NOTHING, errors)
+    claimed = stderr(done, BOTH, errors)
     for mask in (done.replaced, ~done.replaced):
         ratio = np.sqrt(np.mean(claimed[mask] ** 2) / np.mean((done.image - water)[mask] ** 2))
         assert 0.6 < ratio < 1.5
+
+
+@pytest.mark.parametrize("strength", [0.0, 1.0, 20.0])
+def test_faint_glint_in_a_band_that_the_removal_does_not_correct_is_in_its_error(strength):
+    state, water = state_and_water(4, contrast=0)
+    rng = np.random.default_rng(5)
+    faint = np.stack([0 * water[0], strength * np.maximum(5 * gaussian_filter(rng.normal(size=water[0].shape), 2), 0)])
+    done = opened(state)
+    done = replace(done, image=(done.image + faint).astype(np.float32))
+    errors = fit_replaced(Sample((state,), (state.water,)), Sample((done,), (done.water,)), [0 * state.raw], opened)
+    blue = replace(NOTHING, fits=BOTH.fits[:1])
+    claimed, alone = stderr(done, blue, errors), stderr(done, BOTH, errors)
+    np.testing.assert_array_equal(claimed[0], alone[0])
+    assert 0.8 < np.sqrt(np.mean(claimed[1] ** 2) / np.mean((done.image - water)[1] ** 2)) < 1.35
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -61,7 +76,7 @@ def test_objects_in_a_trial_tell_the_error_at_round_edges_that_the_sample_lacks(
     seen = done.replaced & (objects > 0.5)
     real = np.sqrt(np.mean((done.image - water)[seen] ** 2))
     for added, low, high in ((0 * objects, 0.0, 0.3), (objects, 0.6, 1.5)):
-        claimed = stderr(done, NOTHING, fit_replaced(*sample, [added], opened))[seen]
+        claimed = stderr(done, BOTH, fit_replaced(*sample, [added], opened))[seen]
         assert low < np.sqrt(np.mean(claimed**2)) / real < high
 
 
@@ -81,7 +96,7 @@ def test_noise_counts_once_after_a_posterior_mean_and_a_replacement():
     left_half[:, :20] = True
     state = State(x, x, np.ones((40, 40), bool), removed=np.zeros_like(x), replaced=left_half, errors=True)
     stage = Posterior(4, (LeftOver(0, 1.0, (0.0,), (0.0,)),), (np.inf,) * 2)  # of the first band alone
-    out = stderr(stage.apply(state), NOTHING, [ReplacedError(b, 1.0, 0.25, 0.0) for b in (0, 1)])
+    out = stderr(stage.apply(state), BOTH, [ReplacedError(b, 1.0, 0.25, 0.0, 10.0) for b in (0, 1)])
     np.testing.assert_allclose(out[:, :20], 0.5)
     np.testing.assert_allclose(out[:, 20:], 1.0)
 
@@ -106,7 +121,7 @@ def test_the_error_of_the_slope_where_glint_moved_between_the_bands():
 
 def test_without_a_trial_there_is_no_halo():
     assert halo(()) == 0
-    assert halo((ReplacedError(0, 1.0, 1.0, 0.0),)) > 0
+    assert halo((ReplacedError(0, 1.0, 1.0, 0.0, 0.0),)) > 0
 
 
 @pytest.mark.slow

@@ -5,8 +5,10 @@ r"""Standard errors of the pixels of a compensated image, from the scene itself.
 with :math:`\sigma_b / b` the relative standard error of a band's slope b, g the removed glint, and :math:`\sigma_0` the
 standard error of the glint-free NIR. Where stages before the removal replaced glint, the error variance of the water,
 :math:`\sigma_w^2`, is measured by a trial: objects, and the glint of the scene displaced by half a tile, are added to
-the compensated image, and the chain is run again. Elsewhere it comes from the stage `posterior` if the chain has it,
-else it is the variance of noise and, if no stage replaces glint, of the glint that the removal left.
+the compensated image, and the chain is run again. In bands that the removal does not correct, such as the NIR that it
+follows, faint glint is left: the square of the excess over water without glint is added. Elsewhere the variance comes
+from the stage `posterior` if the chain has it, else it is the variance of noise and, if no stage replaces glint, of the
+glint that the removal left.
 
 The standard errors are root mean square errors, noise included. They do not include errors that all pixels share:
 calibration and atmosphere. Objects that an opening removes do not increase the standard error.
@@ -32,6 +34,9 @@ SPAN = 7  # side of the window for the local range of a background [pixel]: erro
 LEAST_R2 = 0.25
 """Lower limit of R2, for the standard error of a slope: where glint explains less of a band's variance, the rest is
 mostly signal of the water. With this limit, the true slope is at most twice the fitted slope."""
+WATER_PERCENTILE, ABOVE_LOW = 10.0, 1.2816
+"""Water without glint: this percentile of a band after all stages [%], which noise lowers by 1.2816 standard deviations
+(those of the normal distribution)."""
 LEAST_BACKGROUND_VARIANCE = 0.25
 """Lower limit of the variance of a background, relative to the variance of noise: it comes from few pixels."""
 
@@ -44,6 +49,7 @@ class ReplacedError:
     noise: float  # variance of noise, for pixels that were not replaced
     even: float  # error variance of a replaced pixel where the background is uniform
     relief: float  # increase of the error variance per square of the local range (`SPAN`) of the background [1]
+    water: float  # value of the band without glint [unit of the band]
 
 
 def fit_replaced(
@@ -63,6 +69,9 @@ def fit_replaced(
     out = []
     for b in range(len(before.states[0].raw)):
         s2 = noise([s.raw[b] for s in before.states], before.inside) ** 2
+        images = [s.image[b] for s in after.states]
+        low = float(np.percentile(after.values(images), WATER_PERCENTILE))
+        least = low + ABOVE_LOW * noise(images, after.inside)
         wrong, spans = [], []
         for truth, done, inside in zip(water, tried, after.inside, strict=True):
             if truth.replaced is not None and done.replaced is not None:
@@ -71,14 +80,14 @@ def fit_replaced(
                 spans.append(_span(done.image[b])[seen])
         away = np.concatenate(wrong) if wrong else np.zeros(0, np.float32)
         if away.size < FEWEST:
-            out.append(ReplacedError(b, s2, s2, 0.0))
+            out.append(ReplacedError(b, s2, s2, 0.0, least))
             continue
         relief = np.concatenate(spans).astype(np.float64) ** 2
         square = away.astype(np.float64) ** 2 - s2
         flat = relief <= np.median(relief)
         even = max(float(square[flat].mean()), LEAST_BACKGROUND_VARIANCE * s2)
         steep = max(float(square[~flat].mean()) - even, 0.0) / max(float(relief[~flat].mean()), 1e-30)
-        out.append(ReplacedError(b, s2, even, steep))
+        out.append(ReplacedError(b, s2, even, steep, least))
     return tuple(out)
 
 
@@ -102,14 +111,18 @@ def stderr(state: State, model: GlintModel, errors: Sequence[ReplacedError] = ()
     state : the block, with the light that was `removed`, and the `variance` if a stage has computed it
     model : model of the removal
     errors : result of `fit_replaced` if stages before the removal replace glint. A trial of all stages has measured the
-        error of replaced pixels. Other pixels have the error of noise, in bands without `variance`.
+        error of replaced pixels. Other pixels have the error of noise, in bands without `variance`. In bands that the
+        removal does not correct, the excess over water without glint is added.
     """
     variance = np.zeros_like(state.image) if state.variance is None else state.variance.copy()
+    corrected = {f.band for f in model.fits}
     for e in errors:
         rough = np.float32(e.even) + np.float32(e.relief) * _span(state.image[e.band]) ** 2
         replaced = np.zeros_like(state.water) if state.replaced is None else state.replaced[e.band]
         known = variance[e.band] > 0  # noise included
         variance[e.band] = np.where(replaced, rough, np.where(known, variance[e.band], np.float32(e.noise)))
+        if e.band not in corrected:  # faint glint is left in it
+            variance[e.band] += np.square(np.maximum(state.image[e.band] - np.float32(e.water), 0))
     for f in model.fits:
         if state.removed is not None and f.slope:
             variance[f.band] += np.square(np.float32((f.stderr or 0.0) / f.slope) * state.removed[f.band])
