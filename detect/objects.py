@@ -68,6 +68,12 @@ class Object:
         return {"pixels": self.size, "area_m2": self.area, "row": row, "column": column}
 
     @cached_property
+    def peak(self) -> tuple[int, int]:
+        """Row and column of the highest score."""
+        row, column = np.argwhere(self.footprint)[self.scores.argmax()].tolist()
+        return row + self.bounds[0][0], column + self.bounds[1][0]
+
+    @cached_property
     def outline(self) -> tuple[tuple[Ring, ...], ...]:
         """Polygons along the edges of pixels: each has an outer ring, then its holes, as (column, row) corners.
 

@@ -63,8 +63,10 @@ class Marker:
             value = clutter.score_at(recipe.false_per_km2 / self._strata)
             above = clutter.tail.above(value)
             rate = (above or 0) / max(clutter.tail.n, 1)
-            notes = () if clutter.fitted else ("too few candidates to fit a law to their peaks: their ranks are used",)
-            return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=notes)
+            notes = [] if clutter.fitted else ["too few candidates to fit a law to their peaks: their ranks are used"]
+            if self._strata * (len(clutter.clouds) - 1) / clutter.area > recipe.false_per_km2:
+                notes.append(f"{len(clutter.clouds)} round objects, so probably clouds, are left out; --pfa lists them")
+            return Threshold(value, "peaks", rate, None if above is None else rate, clutter.tail.n, notes=tuple(notes))
         return from_quantile(clutter.tail, pfa) if recipe.threshold == "empirical" else clutter.threshold(pfa)
 
     @cached_property
@@ -105,7 +107,8 @@ class Marker:
         found = self._found(self._above(low, *self.beside.values()), threshold.value)
         if threshold.method == "peaks":
             found = [o for o in found if o.score_top > threshold.value]
-        rated = rated_objects(found, self._clutter, self._strata)
+        rated, most = rated_objects(found, self._clutter, self._strata), self.plan.recipe.false_per_km2 or math.inf
+        rated = [r for r in rated if not (r.kind == "round" and r.rate > most)]
         rated += self._alongside(threshold, len(rated))
         if self._clutter.area > 0:
             rated.sort(key=lambda r: (r.rate, -r.found.score_top))

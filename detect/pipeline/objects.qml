@@ -3,6 +3,7 @@
  <renderer-v2 type="categorizedSymbol" attr="kind" enableorderby="0" symbollevels="0" forceraster="0">
   <categories>
    <category value="afloat" symbol="0" label="afloat" render="true"/>
+   <category value="round" symbol="3" label="round: cloud, islet or platform" render="true"/>
    <category value="alongside" symbol="1" label="alongside: ship or short pier" render="true"/>
    <category value="" symbol="2" label="anomaly" render="true"/>
   </categories>
@@ -16,6 +17,9 @@
    <symbol type="fill" name="2" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
     <Option type="Map"><Option name="line_color" type="QString" value="255,0,200,255"/>
     <Option name="line_width" type="QString" value="0.5"/></Option></layer></symbol>
+   <symbol type="fill" name="3" alpha="1"><layer class="SimpleLine" enabled="1" pass="0">
+    <Option type="Map"><Option name="line_color" type="QString" value="160,160,160,255"/>
+    <Option name="line_width" type="QString" value="0.4"/></Option></layer></symbol>
   </symbols>
  </renderer-v2>
  <labeling type="simple"><settings><text-style fieldName="label" fontSize="8" isExpression="0"/></settings></labeling>

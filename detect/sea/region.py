@@ -26,7 +26,7 @@ LARGEST = (400.0, 60.0)  # length and width of the largest ships [m]
 MOST = 128  # maximum length of a hole [pixel], which limits the halo of tiles: larger ones are land or moored ships
 _SHORTEST = 50.0  # minimum length of a ship alongside [m]: with fewer than five pixels of 10 m, no shape is measurable
 _FILL = 0.55  # minimum fraction of its smallest rectangle that a ship fills; hulls fill 0.7 to 0.9, small ones less
-_ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to 8, the blur of a pixel lowers the ratio
+ELONGATION = 1.8  # minimum ratio of length to width of a ship; ships have 4 to 8, the blur of a pixel lowers the ratio
 _ATTACHED_WITHIN = 2  # largest distance of an attached part from land [pixel]: a pixel between them is mixed
 _CONTINUED = (0.5, 0.25)
 """A part is a piece of longer land if the fraction of land is at least the first value at each end, and at most the
@@ -106,7 +106,7 @@ def _line(length: float, angle: float) -> Uint8:
 
 def hull(length: float, width: float, size: float) -> bool:
     """Whether a part is elongated, and its `size` pixels fill most of its rectangle, `length` x `width` [pixel]."""
-    return length >= _ELONGATION * width and size >= _FILL * length * width
+    return length >= ELONGATION * width and size >= _FILL * length * width
 
 
 def likeness(length: float, width: float, size: float) -> float:

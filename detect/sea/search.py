@@ -17,10 +17,10 @@ from deglint.errors import FitError, InputError
 
 from ..arrays import Array, Float32, Float64, Mask
 from ..background import as_image, as_mask
-from ..objects import Object, find, find_among
+from ..objects import Object, find, find_among, label
 from ..threshold import Tail, Threshold, excess_at, fit_pareto, from_tail, survival
 from .model import SeaModel, fit, score
-from .region import ALONGSIDE, ATTACHED, Classes, SeaRule, hull, rectangle, region
+from .region import ALONGSIDE, ATTACHED, ELONGATION, Classes, SeaRule, hull, rectangle, region
 
 LOW = 1.5  # candidates exceed this multiple of the 90 % quantile of water: one to three percent of the sea
 _CONFIRMED = (9.0, 3.0)
@@ -33,6 +33,12 @@ _BODY = 60
 """With pixels smaller than a boat, a candidate of at least this size is confirmed, also with a low peak [pixel]. Noise
 that is averaged over 5 by 5 pixels has clumps of up to about 50 pixels."""
 _SMALLEST_KEPT = 12.6  # minimum area of a confirmed object, where pixels are smaller than a boat [m2]: a disc of 4 m
+_WIDE = 4.0
+"""Minimum width of a round object at half of its peak [pixel]. The blur makes a boat 2 to 3 pixels wide there. A ship
+that is wider is several times as long as wide."""
+_CONTOURS = (1 / 2, 1 / 4, 1 / 8)
+"""Fractions of the peak at which a round object is not elongated. A ship is elongated at one of them: at the first if
+it is evenly bright, at a lower one if it has a bright superstructure or a wake."""
 _LEAST = 50  # a distribution is fitted to more than this number of peaks above `Clutter.low`
 _LEAST_SURVIVAL = 1e-200  # lower limit of the fitted fraction of peaks above the highest peak, which is a divisor
 _MOST_RATE = 1e6  # false objects per km2 that are reported for a score too low for a candidate (at most `Clutter.low`)
@@ -55,6 +61,7 @@ class Clutter:
     scale: float  # scale of the distribution [unit of the scores]
     large: tuple[int, float] = (1, math.inf)  # large objects have at least so many pixels, and exceed this score
     large_share: float = 1.0  # (n + 1) / (all + 1): n of all unconfirmed candidates have at least `large[0]` pixels
+    clouds: frozenset[tuple[int, int]] = frozenset()  # peaks (row, column) of round candidates, see `_round`
 
     @property
     def fitted(self) -> bool:
@@ -109,7 +116,7 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
 
     `tail` holds the highest scores of the searched sea; `area` is its area [km2]. Candidates are connected pixels above
     `LOW` times `q90`, the 90 % quantile of the score over water; large, bright ones are confirmed (see `_CONFIRMED`,
-    `_LARGE_OBJECTS`, `_BODY`). `fine` is True if pixels are smaller than a boat.
+    `_LARGE_OBJECTS`, `_BODY`). `fine` is True if pixels are smaller than a boat; if not, round ones are no clutter.
     """
     peak = _CONFIRMED[fine] * q90
     kept = _SMALLEST_KEPT * tail.n / (1e6 * area) if fine and area > 0 else 0.0
@@ -120,6 +127,8 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
     if sure:
         tail = _without(tail, np.concatenate([o.scores for o in sure]))
     low, pixels = LOW * q90, sum(o.size for o in sure)
+    clouds = frozenset(o.peak for o in candidates if not fine and _round(o, low))
+    rest = [o for o in rest if o.peak not in clouds]
     peaks = np.sort([o.score_top for o in rest]).astype(np.float64)
     shape = scale = math.nan
     excess = peaks[peaks > low] - low
@@ -127,7 +136,19 @@ def clutter_of(tail: Tail, candidates: Sequence[Object], q90: float, *, area: fl
         with suppress(FitError):
             shape, scale = fit_pareto(excess)
     share = (sum(o.size >= _LARGE_OBJECTS[fine] for o in rest) + 1) / (len(rest) + 1)
-    return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share)
+    return Clutter(tail, low, peaks, area, len(sure), pixels, shape, scale, (_LARGE_OBJECTS[fine], peak), share, clouds)
+
+
+def _round(found: Object, low: float) -> bool:
+    """Whether a candidate, all pixels above the score `low`, is wider than the blur and at no contour elongated."""
+    values = np.zeros(found.footprint.shape)
+    values[found.footprint] = found.scores
+    for share in _CONTOURS:
+        parts = label(values > share * found.score_max)
+        length, width, _angle = rectangle(parts == parts.flat[values.argmax()])
+        if width < _WIDE or length >= ELONGATION * width:
+            return False
+    return found.score_max * max(_CONTOURS) > low
 
 
 def _without(tail: Tail, taken: Array) -> Tail:
@@ -142,21 +163,27 @@ class Rated(NamedTuple):
     """An object with the measures of how reliable it is."""
 
     found: Object
-    kind: str  # "afloat", or "alongside" a quay; "anomaly" for detectors that do not distinguish them
+    kind: str  # "afloat", "round" or "alongside" a quay; "anomaly" for detectors that do not distinguish them
     rate: float  # expected number of false objects per km2 that are as conspicuous; NaN if not known
     real: float  # probability that the object is real; NaN if not known
 
 
 def rated_objects(found: Sequence[Object], clutter: Clutter, strata: int = 1) -> list[Rated]:
-    """`Rated` objects afloat, highest `score_top` first; `strata`, the number of object kinds, multiplies `rate`."""
+    """`Rated` objects by ascending `rate`, which is multiplied by `strata`, the number of object kinds.
+
+    A "round" object may be a cloud, and clouds are many: all others of `Clutter.clouds` count as false, dim or bright.
+    """
     found = sorted(found, key=lambda o: -o.score_top)
+    kinds = ["round" if o.peak in clutter.clouds else "afloat" for o in found]
     sizes = [o.size if hull(*rectangle(o.footprint)[:2], o.size) else 1 for o in found]
     rates = np.array([clutter.false_per_km2(o.score_top, size) for o, size in zip(found, sizes, strict=True)])
+    rates += [(len(clutter.clouds) - 1) / clutter.area * (kind == "round") for kind in kinds]
+    order = np.argsort(rates, kind="stable").tolist()
     # q-value: smallest fraction of false objects at a threshold that includes the object (Storey 2002,
     # doi:10.1111/1467-9868.00346)
-    false = np.minimum(rates * clutter.area / np.arange(1, len(rates) + 1), 1.0)
+    false = np.minimum(rates[order] * clutter.area / np.arange(1, len(rates) + 1), 1.0)
     real = 1 - np.minimum.accumulate(false[::-1])[::-1]
-    return [Rated(o, "afloat", strata * r, p) for o, r, p in zip(found, rates.tolist(), real.tolist(), strict=True)]
+    return [Rated(found[i], kinds[i], strata * float(rates[i]), p) for i, p in zip(order, real.tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

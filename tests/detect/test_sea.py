@@ -455,3 +455,69 @@ def test_candidates_of_single_pixels_are_ranked_not_fitted():
     clutter = clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
     assert len(clutter.peaks) == 100
     assert not clutter.fitted
+
+
+def clouded(clouds, ships=((60, 40), (150, 230))):
+    """Three bands of noise with round clouds of 60 m to 110 m, at (row, column), and evenly bright ships of 240 m."""
+    rng = np.random.default_rng(4)
+    image = rng.normal(100, 3, (3, 300, 300))
+    rows, columns = np.mgrid[:300, :300]
+    for (row, column), size in zip(clouds, np.linspace(6, 11, len(clouds)), strict=True):
+        image += 150 * np.exp(-np.log(2) * (2 * np.hypot(rows - row, columns - column) / size) ** 2)
+    for row, column in ships:
+        image[:, row : row + 4, column : column + 24] += 120
+    return image
+
+
+def test_many_round_objects_are_taken_for_clouds_and_ships_are_not():
+    clouds = [(row, column) for row in range(20, 300, 65) for column in range(20, 300, 65)]
+    found = score_scene(clouded(clouds)).objects
+    rates = {(o["row"], o["column"]): o["false_per_km2"] for o in found}
+    of_clouds = [rate for (row, column), rate in rates.items()
+                 if min(np.hypot(row - r, column - c) for r, c in clouds) < 3]  # fmt: skip
+    of_ships = [rate for (row, column), rate in rates.items() if (round(row), round(column)) in ((62, 52), (152, 242))]
+    assert len(of_clouds) == len(clouds)
+    assert min(of_clouds) >= len(clouds) / 9.01  # per km2: each is as likely a cloud as the others
+    assert len(of_ships) == 2
+    assert max(of_ships) < 0.2
+
+
+def test_a_single_round_object_is_as_rare_as_any_other():
+    (one,) = [o for o in score_scene(clouded([(220, 60)])).objects if o["row"] > 200 and o["pixels"] > 20]
+    assert one["false_per_km2"] < 1.01 / 9  # per km2: the least that ranks can tell
+
+
+def test_clouds_do_not_raise_the_threshold_of_ships():
+    clouds = [(row, column) for row in range(20, 300, 65) for column in range(20, 300, 65)]
+    few, many = (score_scene(clouded(c)).clutter for c in (clouds[:1], clouds))
+    assert len(many.clouds) == len(clouds)
+    assert many.score_at(1.0) < 1.5 * few.score_at(1.0)
+
+
+@pytest.mark.parametrize("dim", ["wake", "deck"])
+def test_a_ship_with_a_bright_superstructure_is_not_round(dim):
+    scores = np.zeros((60, 60))
+    scores[20:25, 20:25] = 100.0  # 5 x 5 pixels
+    scores[21:24, 25:50] = {"wake": 15.0, "deck": 30.0}[dim]
+    clutter = clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0)
+    assert not clutter.clouds
+    scores[21:24, 25:50] = 10.0  # less than an eighth: not of this object
+    assert clutter_of(Tail.of(scores), find(scores > 1.5, scores), 1.0, area=1.0).clouds == {(20, 20)}
+
+
+def test_a_rate_leaves_many_clouds_out_of_the_file(write, tmp_path):
+    clouds = [(row, column) for row in range(20, 300, 65) for column in range(20, 300, 65)]
+    image = np.round(clouded(clouds) * 10).astype(np.uint16)
+    kinds, said = {}, []
+    for given in ({"pfa": 1e-3}, {"false_per_km2": 0.5}):
+        source = write(tmp_path / "clouds.tif", image, transform=from_origin(400_000, 800_000, 10, 10))
+        recipe = Recipe(method="sea", mask="none", **given)
+        done = score_file(source, tmp_path / "s.tif", recipe, objects=tmp_path / "o.geojson", overwrite=True)
+        said = done.sidecar["warnings"]
+        features = json.loads((tmp_path / "o.geojson").read_text())["features"]
+        kinds[next(iter(given))] = [f["properties"]["kind"] for f in features]
+    assert kinds["pfa"].count("round") == len(clouds)
+    assert kinds["pfa"][:2] == ["afloat"] * 2
+    assert kinds["false_per_km2"].count("afloat") >= 2
+    assert "round" not in kinds["false_per_km2"]
+    assert f"{len(clouds)} round objects, so probably clouds, are left out; --pfa lists them" in said
