@@ -51,9 +51,20 @@ class LineScorer:
     def score(self, line: npt.ArrayLike) -> Float32:
         """Score a line: squared Mahalanobis distance from the lines before. Then average it in, without high scores.
 
-        A pixel of the line, (band, column), is not valid if it is NaN or infinite in any band. The scores, (column,),
-        are NaN where not valid, and in the first lines, until the averages contain 4 pixels per band. Raises InputError
-        if the line has another shape or number of bands, or a value of a valid pixel is beyond +-1e150.
+        Parameters
+        ----------
+        line : (band, column) array
+            NaN or infinity, in any band, where a pixel is not valid.
+
+        Returns
+        -------
+        (column,) ndarray of float32
+            NaN where not valid, and in the first lines, until the averages contain 4 pixels per band.
+
+        Raises
+        ------
+        InputError
+            The line is not (band, column), the number of bands changes, or a value of a valid pixel is beyond +-1e150.
         """
         values = np.asarray(line, np.float64)
         if values.ndim != 2 or len(self._mean) not in (0, len(values)):
@@ -87,8 +98,12 @@ class LineScorer:
 
 
 def score_lines(lines: Iterable[Any], memory: int = LINES) -> Iterator[Float32]:
-    """Yield the scores, (column,), of successive lines, (band, column) arrays; see `LineScorer.score`.
+    """Yield the scores, (column,), of successive lines; see `LineScorer.score`.
 
-    `memory` is the time constant of the exponential averages [line].
+    Parameters
+    ----------
+    lines : iterable of (band, column) array
+    memory : int
+        Time constant of the exponential averages [line].
     """
     yield from map(LineScorer(memory).score, lines)

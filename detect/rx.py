@@ -254,7 +254,10 @@ def residual_rx(
 ) -> Scores:
     """RX of the residuals of the bands after regression on reference bands; the other parameters are as in `rx`.
 
-    `nir` are 0-based reference bands. The score is RX of all bands minus RX of these: low where these predict others.
+    Parameters
+    ----------
+    nir : sequence of int
+        0-based reference bands. The score is RX of all bands minus RX of these: low where these predict the others.
     """
     return _run("residual", image, background, mask, nir=nir)
 

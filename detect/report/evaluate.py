@@ -87,8 +87,18 @@ class Evaluation:
 def evaluate(request: Request, progress: Any = None) -> Evaluation:
     """Read score rasters and truth, evaluate each detector, and compare the detectors.
 
-    progress(stage, done, total) is called with numbers of detectors. Raises ReadError if a file cannot be read, and
-    InputError if files or options allow no evaluation; for example, the grids differ, or all scores are equal.
+    Parameters
+    ----------
+    request : Request
+    progress : callable, optional
+        Called as progress(stage, done, total), where `done` and `total` are numbers of detectors.
+
+    Raises
+    ------
+    InputError
+        Files or options do not allow an evaluation; for example, the grids differ, or all scores are equal.
+    ReadError
+        A file cannot be read.
     """
     inputs = read_inputs(request)
     area = ground_area(inputs.grid.transform, inputs.grid.crs, *inputs.valid.shape)

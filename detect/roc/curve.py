@@ -153,10 +153,23 @@ class Roc:
         return found / (found + len(self.background) - below[::-1]), found / len(self.targets)
 
     def plot(self, ax: Any = None, *, label: str | None = None) -> Any:
-        """Draw Pd over Pfa, on a logarithmic axis, into matplotlib Axes (by default of a new figure); return the Axes.
+        """Draw Pd over Pfa on a logarithmic axis; needs matplotlib (`pip install 'deglint[reports]'`).
 
-        `label` is the name of the detector, to which the AUC is added. Raises InputError if matplotlib is not installed
-        (`pip install 'deglint[reports]'`).
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        label : str, optional
+            Name of the detector; the AUC is added.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError
+            matplotlib is not installed.
         """
         ax = axes(ax, "Roc.plot")
         name = f"{label}, AUC {self.auc:.4f}" if label else f"AUC {self.auc:.4f}"
