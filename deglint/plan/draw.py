@@ -29,6 +29,8 @@ MAGENTA: Colour = (204, 20, 120)
 _OVERSAMPLING = 2  # discs are drawn this many times larger, then averaged
 _SHADES = 248  # number of colours of the colour scale in a disc; the rest of 256 is for hatchings and edges
 _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
+_COLOURS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]  # (256, 3), RGB
+_font = lru_cache(maxsize=16)(ImageFont.load_default)  # by size [pixel]
 
 
 class Canvas:
@@ -120,7 +122,7 @@ def azimuth_name(azimuth: int) -> str:
 
 def palette(share: Values) -> Image:
     """Convert numbers 0 to 1 to colours (..., 3) of the colour map viridis, which suits colour-blind readers."""
-    return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
+    return _COLOURS[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
 def png(image: Image) -> bytes:
@@ -138,7 +140,7 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: Values, patterns: Se
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
     table = np.empty((256, 3), np.uint8)
-    table[:_SHADES] = _colours()[np.linspace(0, 255, _SHADES).astype(int)]
+    table[:_SHADES] = _COLOURS[np.linspace(0, 255, _SHADES).astype(int)]
     table[_SHADES], table[-1] = GROUND, INK
     hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
     if hatched:
@@ -204,17 +206,6 @@ def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
 
 def _axis(radius: int, fine: int) -> npt.NDArray[np.float32]:
     return ((np.arange(2 * radius * fine) + 0.5) / fine - radius).astype(np.float32)
-
-
-@lru_cache(maxsize=1)
-def _colours() -> Image:
-    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
-    return np.asarray(scale[:, 0, ::-1], np.uint8)
-
-
-@lru_cache(maxsize=16)
-def _font(size: float) -> Any:
-    return ImageFont.load_default(size)
 
 
 def _fixed(points: Sequence[Point]) -> npt.NDArray[np.int32]:
