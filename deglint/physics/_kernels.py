@@ -76,10 +76,6 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
             mirror = columns - c if c else 0
             a = amplitudes[r, c]
             b = amplitudes[other, mirror]
-            if a == 0 and b == 0:
-                out[r, c] = 0.0
-                out[other, mirror] = 0.0
-                continue
             east = frequency(c, columns, column_step)
             k = math.sqrt(east * east + north * north)
             phase = math.sqrt(gravity * k + tension * k * k * k) * time
