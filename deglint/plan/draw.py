@@ -143,14 +143,13 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: Values, patterns: Se
     table[:_SHADES] = _COLOURS[np.linspace(0, 255, _SHADES).astype(int)]
     table[_SHADES], table[-1] = GROUND, INK
     hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
-    if hatched:
-        ground = np.any([here for here, _, _ in hatched], axis=0)
-        level[ground] = _SHADES
-        for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
-            table[n] = colour
-            level[here & _pattern(pattern, len(level))] = n
-        edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-        level[edge.view(bool)] = 255
+    ground = np.any([here for here, _, _ in hatched], axis=0)
+    level[ground] = _SHADES
+    for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
+        table[n] = colour
+        level[here & _pattern(pattern, len(level))] = n
+    edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    level[edge.view(bool)] = 255
     fine = cv2.LUT(cv2.merge([level] * 3), table[None])
     small = cv2.resize(fine, None, fx=1 / _OVERSAMPLING, fy=1 / _OVERSAMPLING, interpolation=cv2.INTER_AREA)
     left, top = round(centre[0] - radius), round(centre[1] - radius)
