@@ -103,10 +103,7 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Raise InputError if an output would replace an input file, or be read as a part of one (such as its .aux.xml).
-
-    An output that would be read as a part of another output is refused, too.
-    """
+    """Raise InputError if an output would replace an input file, or be read as a part (.aux.xml) of it or an output."""
     held: dict[tuple[int, int] | str, str] = {}
     beside = {identity(companion): str(target) for target in targets for companion in _companions(target)}
     for what, names in reads.items():
