@@ -198,10 +198,9 @@ def remove(
     >>> round(float(scene.sel(band="red").std())), round(float(clean.sel(band="red").std()))
     (70, 0)
     """
-    xarray = need_xarray()
     given: Any = {"threads": threads, "sensor": sensor, "nodata": nodata}
     work = partial(remove, recipe=recipe, dtype=dtype, **given)
-    if isinstance(array, xarray.Dataset):
+    if isinstance(array, need_xarray().Dataset):
         return _by_variables(array, work)
     further = [d for d in array.dims if d not in axes(array)] if hasattr(array, "dims") else []
     if d := next((d for d in further if array.sizes[d] > 1), None):

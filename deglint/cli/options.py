@@ -97,13 +97,9 @@ COUNT = click.IntRange(1, 1024)  # of threads or processes
 
 def creation_options(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     """click callback that converts texts "NAME=VALUE" to a dict {NAME: VALUE}; upper and lower case are kept."""
-    out = {}
-    for text in values:
-        name, sign, value = text.partition("=")
-        if not sign or not name:
-            raise click.BadParameter(f"{text!r} is not NAME=VALUE, such as COMPRESS=ZSTD.")
-        out[name] = value
-    return out
+    if wrong := [text for text in values if text.find("=") < 1]:
+        raise click.BadParameter(f"{wrong[0]!r} is not NAME=VALUE, such as COMPRESS=ZSTD.")
+    return {name: value for name, _, value in (text.partition("=") for text in values)}
 
 
 def names(_ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:

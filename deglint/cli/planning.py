@@ -112,8 +112,7 @@ def flight_line(given: Given, mission: Any, _console: Console) -> None:
     except ValueError:
         raise click.UsageError(f"--fov {given['fov']!r} is not ACROSS or ACROSSxALONG degrees.") from None
     angles |= {name: given[name] for name in ("altitude", "pitch", "roll") if given[name] is not None}
-    view = swath.FieldOfView(**angles)
-    found = swath.Line(mission, view)
+    found = swath.Line(mission, swath.FieldOfView(**angles))
     others = swath.alternatives(mission, found)
     said = swath.words(found, others)
     _finish(given, lambda: line_picture(mission, found, said), swath.numbers(mission, found, others), said)

@@ -19,7 +19,7 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
 
     Rows slab[0] to slab[1] - 1 are processed in place. `steps` are the wavenumber steps from row to row and from column
     to column [rad/m]. The contributions of the waves in each row to the variances of height [m2], east slope and north
-    slope, and to the covariance of both slopes, are stored in `sums` (row, 4). `table` is (first ln wavenumber, step
+    slope, and to the covariance of both slopes, are added to `sums` (row, 4). `table` is (first ln wavenumber, step
     of ln wavenumber, ln omnidirectional spectral density (n,), Elfouhaily's D (n,)), and `along` is the unit vector
     (east, north) downwind. `how` is (code of the directional spreading, exponent s, value of `spectra.spreading_norm`,
     share of the energy that travels upwind). The amplitudes of the mean and of the Nyquist frequency are set to 0.
@@ -31,8 +31,6 @@ def fill_amplitudes(noise, sums, slab, steps, table, how, along):  # type: ignor
     cell = row_step * column_step
     for r in range(slab[0], slab[1]):
         north = -frequency(r, rows, row_step)
-        for i in range(4):
-            sums[r, i] = 0.0
         for c in range(columns):
             east = frequency(c, columns, column_step)
             if 2 * r == rows or 2 * c == columns or (r == 0 and c == 0):
@@ -78,10 +76,6 @@ def evolve(amplitudes, out, slab, steps, time, slopes, physics):  # type: ignore
             mirror = columns - c if c else 0
             a = amplitudes[r, c]
             b = amplitudes[other, mirror]
-            if a == 0 and b == 0:
-                out[r, c] = 0.0
-                out[other, mirror] = 0.0
-                continue
             east = frequency(c, columns, column_step)
             k = math.sqrt(east * east + north * north)
             phase = math.sqrt(gravity * k + tension * k * k * k) * time
@@ -98,17 +92,15 @@ def fold(spectrum, out, first, last, row_factor, column_factor, limit):  # type:
     """Multiply the spectrum of a scene by an MTF; average the rows that sampling at the pixels maps to one frequency.
 
     `spectrum`, from a real FFT of the fine grid, is (fine rows, fine columns // 2 + 1); `out` is (rows of pixels, fine
-    columns // 2 + 1), of which rows `first` to `last` - 1 are filled. Each factor is a pair of arrays along the rows
-    or columns of `spectrum`: frequency [cycles/pixel], and complex transfer function there without diffraction. The
-    diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
+    columns // 2 + 1), and the result is added to its rows `first` to `last` - 1. Each factor is a pair of arrays along
+    the rows or columns of `spectrum`: frequency [cycles/pixel], and complex transfer function there without
+    diffraction. The diffraction MTF, computed here, is 0 at `limit` [cycles/pixel] and above.
     """
     rows, half = out.shape
     row_frequency, row_values = row_factor
     column_frequency, column_values = column_factor
     fold_count = spectrum.shape[0] // rows
     for r in range(first, last):
-        for c in range(half):
-            out[r, c] = 0.0
         for a in range(fold_count):
             fine = r + a * rows
             y2 = row_frequency[fine] ** 2

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from . import sun
 from ._checks import Array, Checked, coordinates, day_number, ranged, sun_angle
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
-from .tables import checked_wavelength, load
+from .tables import checked_wavelength, interpolate
 
 STANDARD_PRESSURE = 1013.25  # pressure at sea level [hPa]
 _SCALE_HEIGHT = 1.0  # scale height of the aerosol [km]
@@ -136,10 +136,8 @@ def irradiance(
 
 def table_spectrum(wavelength: npt.ArrayLike) -> Spectrum:
     """Solar irradiance and absorption by gases at wavelengths [nm], interpolated linearly in a table in 1 nm steps."""
-    wavelength = checked_wavelength(wavelength)
-    table = load("solar_and_gases")
     names = ("irradiance_W_m-2_nm-1", "ozone_cm-1", "oxygen_cm-1", "water_vapour_cm-1")
-    return Spectrum(*(np.asarray(np.interp(wavelength, table["wavelength_nm"], table[n])) for n in names))
+    return Spectrum(*(interpolate("solar_and_gases", name, wavelength) for name in names))
 
 
 def navy_aerosol(air: Air) -> Aerosol:

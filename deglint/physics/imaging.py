@@ -66,7 +66,7 @@ def observe(
     row_frequency = np.fft.fftfreq(fine_rows, rows / fine_rows)
     column_frequency = np.arange(spectrum.shape[1]) / columns
     down = _along(row_frequency, sensor, centre + shift[0]) * np.sinc(sensor.smear * row_frequency)
-    folded = np.empty((rows, spectrum.shape[1]), dtype=spectrum.dtype)
+    folded = np.zeros((rows, spectrum.shape[1]), dtype=spectrum.dtype)
     factors = (row_frequency, down), (column_frequency, _along(column_frequency, sensor, centre + shift[1]))
     limit = cutoff(sensor, wavelength)
     on_rows(lambda first, last: fold(spectrum, folded, first, last, *factors, limit), rows, workers)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ._checks import Array, within
 from .tables import WAVELENGTH_RANGE as WAVELENGTH_RANGE
-from .tables import checked_wavelength, load
+from .tables import checked_wavelength, interpolate
 
 CHLOROPHYLL_RANGE = (0.01, 30.0)  # chlorophyll that the model of case-1 water accepts [mg m-3]
 
@@ -63,9 +63,9 @@ def case1(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -> Iops:
     (0.04011, 0.003333)
     """
     wavelength, chlorophyll = checked_wavelength(wavelength), _chlorophyll(chlorophyll)
-    absorption = _interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
+    absorption = interpolate("sea_water", "absorption_m-1", wavelength) + particle_absorption(wavelength, chlorophyll)
     yellow = 0.2 * particle_absorption(440.0, chlorophyll) * np.exp(-0.014 * (wavelength - 440.0))
-    molecules = 0.5 * _interpolate("sea_water", "scattering_m-1", wavelength)
+    molecules = 0.5 * interpolate("sea_water", "scattering_m-1", wavelength)
     log = np.log10(chlorophyll)
     slope = np.where(chlorophyll < 2.0, 0.5 * (np.maximum(log, np.log10(0.02)) - 0.3), 0.0)
     particles = 0.416 * chlorophyll**0.766
@@ -83,15 +83,8 @@ def particle_absorption(wavelength: npt.ArrayLike, chlorophyll: npt.ArrayLike) -
     >>> float(particle_absorption(440, 1.0).round(4))
     0.052
     """
-    wavelength, chlorophyll = checked_wavelength(wavelength), _chlorophyll(chlorophyll)
-    exponent = _interpolate("particle_absorption", "E", wavelength)
-    return _interpolate("particle_absorption", "A", wavelength) * chlorophyll**exponent
-
-
-def _interpolate(table: str, column: str, wavelength: Array) -> Array:
-    """Interpolate the column `column` of the table `table` (see `tables.load`) linearly to wavelengths [nm]."""
-    columns = load(table)
-    return np.asarray(np.interp(wavelength, columns["wavelength_nm"], columns[column]))
+    exponent = interpolate("particle_absorption", "E", wavelength)
+    return interpolate("particle_absorption", "A", wavelength) * _chlorophyll(chlorophyll) ** exponent
 
 
 def _chlorophyll(chlorophyll: npt.ArrayLike) -> Array:

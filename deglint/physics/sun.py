@@ -152,12 +152,10 @@ def _spa() -> Any:
 
 def _seconds(time: Any) -> Array:
     """Convert one time or an array of times, as `position` accepts them, to seconds since the start of 1970 UTC."""
-    if isinstance(time, (str, datetime)):
-        return np.asarray(_moment(time).timestamp())
     array = np.asarray(time)
     if np.issubdtype(array.dtype, np.datetime64):
         return np.asarray((array - np.datetime64(0, "s")) / np.timedelta64(1, "s"), dtype=np.float64)
-    return np.array([_moment(item).timestamp() for item in array.flat]).reshape(array.shape)
+    return np.array([_moment(item).timestamp() for item in array.ravel().tolist()]).reshape(array.shape)
 
 
 def _moment(time: Any) -> datetime:

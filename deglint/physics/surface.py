@@ -127,7 +127,7 @@ def realise(sea: Sea, *, shape: tuple[int, int], spacing: float, seed: Seed = 0,
     _check_grid(sea, shape, spacing)
     rows, columns = shape
     noise = normals(seed, (rows, 2 * columns), workers=workers).view(np.complex64)
-    sums = np.empty((rows, 4))
+    sums = np.zeros((rows, 4))
     steps = 2 * np.pi / (rows * spacing), 2 * np.pi / (columns * spacing)
     table, how = _tables(sea, min(steps), np.pi * np.sqrt(2) / spacing)
     azimuth = np.deg2rad(sea.wind_from)

@@ -139,6 +139,5 @@ def _rounded(values: npt.NDArray[Any]) -> Any:
     if values.dtype == bool:
         return values.astype(np.int8).tolist()
     values = values.astype(np.float64)
-    digits = 3.0 - np.floor(np.log10(np.maximum(np.abs(values), 1e-30)))
-    scale = 10.0**digits
+    scale = 10.0 ** (3.0 - np.floor(np.log10(np.maximum(np.abs(values), 1e-30))))
     return (np.rint(values * scale) / scale).tolist()

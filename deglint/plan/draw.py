@@ -29,6 +29,8 @@ MAGENTA: Colour = (204, 20, 120)
 _OVERSAMPLING = 2  # discs are drawn this many times larger, then averaged
 _SHADES = 248  # number of colours of the colour scale in a disc; the rest of 256 is for hatchings and edges
 _SUBPIXEL_BITS = 4  # cv2 takes coordinates in 1/16 pixel
+_COLOURS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]  # (256, 3), RGB
+_font = lru_cache(maxsize=16)(ImageFont.load_default)  # by size [pixel]
 
 
 class Canvas:
@@ -120,7 +122,7 @@ def azimuth_name(azimuth: int) -> str:
 
 def palette(share: Values) -> Image:
     """Convert numbers 0 to 1 to colours (..., 3) of the colour map viridis, which suits colour-blind readers."""
-    return _colours()[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
+    return _COLOURS[(np.clip(np.nan_to_num(share), 0.0, 1.0) * 255).astype(np.uint8)]
 
 
 def png(image: Image) -> bytes:
@@ -138,17 +140,16 @@ def disc(canvas: Canvas, centre: Point, radius: int, share: Values, patterns: Se
     inside, coverage = _cover(radius)
     level = cv2.convertScaleAbs(np.clip(_warped(share, radius), 0.0, 1.0), alpha=_SHADES - 1)
     table = np.empty((256, 3), np.uint8)
-    table[:_SHADES] = _colours()[np.linspace(0, 255, _SHADES).astype(int)]
+    table[:_SHADES] = _COLOURS[np.linspace(0, 255, _SHADES).astype(int)]
     table[_SHADES], table[-1] = GROUND, INK
     hatched = [(_warped(excess, radius) > 0, pattern, colour) for excess, pattern, colour in patterns]
-    if hatched:
-        ground = np.any([here for here, _, _ in hatched], axis=0)
-        level[ground] = _SHADES
-        for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
-            table[n] = colour
-            level[here & _pattern(pattern, len(level))] = n
-        edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-        level[edge.view(bool)] = 255
+    ground = np.any([here for here, _, _ in hatched], axis=0)
+    level[ground] = _SHADES
+    for n, (here, pattern, colour) in enumerate(hatched, start=_SHADES + 1):
+        table[n] = colour
+        level[here & _pattern(pattern, len(level))] = n
+    edge = cv2.morphologyEx((ground & inside).view(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    level[edge.view(bool)] = 255
     fine = cv2.LUT(cv2.merge([level] * 3), table[None])
     small = cv2.resize(fine, None, fx=1 / _OVERSAMPLING, fy=1 / _OVERSAMPLING, interpolation=cv2.INTER_AREA)
     left, top = round(centre[0] - radius), round(centre[1] - radius)
@@ -204,17 +205,6 @@ def _places(radius: int, down: int, around: int) -> tuple[Any, Any]:
 
 def _axis(radius: int, fine: int) -> npt.NDArray[np.float32]:
     return ((np.arange(2 * radius * fine) + 0.5) / fine - radius).astype(np.float32)
-
-
-@lru_cache(maxsize=1)
-def _colours() -> Image:
-    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)
-    return np.asarray(scale[:, 0, ::-1], np.uint8)
-
-
-@lru_cache(maxsize=16)
-def _font(size: float) -> Any:
-    return ImageFont.load_default(size)
 
 
 def _fixed(points: Sequence[Point]) -> npt.NDArray[np.int32]:

@@ -294,10 +294,8 @@ def tables_of(mission: Mission) -> dict[str, dict[str, Any]]:
 
 def merged(below: Tables, above: Tables) -> dict[str, dict[str, Any]]:
     """Merge tables: `above` overrides `below`; a table "sun" in `above` replaces "place" in `below`, and vice versa."""
-    out = {table: dict(values) if isinstance(values, Mapping) else values for table, values in below.items()}
-    for table, other in (("sun", "place"), ("place", "sun")):
-        if table in above:
-            out.pop(other, None)
+    instead = {"sun": "place", "place": "sun"}
+    out: dict[str, Any] = {table: values for table, values in below.items() if instead.get(table) not in above}
     for table, values in above.items():
         own = out.get(table, {})
         out[table] = {**(own if isinstance(own, Mapping) else {}), **values}

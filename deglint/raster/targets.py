@@ -92,24 +92,20 @@ def check_targets(targets: Sequence[Path], reads: Reads | None = None, *, overwr
     input (`COMPANIONS`). `reads` has all input names by role; names that are not files ("auto") are skipped. Files that
     are read for them (`files_behind`) are never replaced; other existing files only if `overwrite` is True.
     """
-    taken: dict[tuple[int, int] | str, Path] = {}
+    taken: set[tuple[int, int] | str] = set()
     for target in targets:
         if identity(target) in taken:
             raise InputError(f"two outputs have the same name, {target}; give each its own.")
-        taken[identity(target)] = target
-    for target in targets:
-        for companion in _companions(target):
-            if (other := taken.get(identity(companion))) is not None:
-                raise InputError(f"{other} would be read as a part of {target}. Give that output another name.")
+        taken.add(identity(target))
     check_unread(targets, reads or {})
     for target in targets:
         check_target(target, overwrite=overwrite)
 
 
 def check_unread(targets: Sequence[Path], reads: Reads) -> None:
-    """Raise InputError if an output would replace an input file, or be read as a part of one (such as its .aux.xml)."""
+    """Raise InputError if an output would replace an input file, or be read as a part (.aux.xml) of it or an output."""
     held: dict[tuple[int, int] | str, str] = {}
-    beside: dict[tuple[int, int] | str, str] = {}
+    beside = {identity(companion): str(target) for target in targets for companion in _companions(target)}
     for what, names in reads.items():
         given = [str(name) for name in names]
         for file in files_behind(given):

@@ -101,7 +101,6 @@ def _with_sensor(
 
 def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band], list[str]]:
     """Derive missing wavelengths from codes, letters or colours in names, not of `unnamed`; return bands and notes."""
-    notes = []
     sensor = _dialect([b.name for i, b in enumerate(bands) if i not in unnamed])
     filled = []
     for i, (band, letter) in enumerate(zip(bands, spectral.letter_wavelengths([b.name for b in bands]), strict=True)):
@@ -109,11 +108,11 @@ def _from_names(bands: list[Band], unnamed: frozenset[int]) -> tuple[list[Band],
         nominal = own.wavelength if own else letter or (None if sensor else spectral.nominal_wavelength(band.name))
         filled.append(band if band.wavelength is not None else replace(band, wavelength=nominal))
     changed = [b.name for b, old in zip(filled, bands, strict=True) if b is not old and b.wavelength]
-    if changed and sensor:
-        notes.append(f"the names are {_PRESET_TITLES[sensor.name]}'s; their wavelengths are assumed")
-    elif changed:
-        notes.append(f"wavelengths of {', '.join(changed)} are nominal, from the names")
-    return filled, notes
+    if not changed:
+        return filled, []
+    if sensor:
+        return filled, [f"the names are {_PRESET_TITLES[sensor.name]}'s; their wavelengths are assumed"]
+    return filled, [f"wavelengths of {', '.join(changed)} are nominal, from the names"]
 
 
 def nominal_pixel(scene: Scene) -> float | None:

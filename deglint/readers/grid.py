@@ -6,8 +6,8 @@ read, GDAL resamples it to this grid: bilinearly, or by averaging if its pixels 
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import groupby
+from dataclasses import fields, replace
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -162,9 +162,14 @@ def footprints_on(grid: RasterInfo, paths: Sequence[str]) -> RasterSource:
     these files are rasters; the GML files of older products are not read.
     """
     each = [nearest_on(replace(info, nodatas=(0.0,) * info.count), grid) for info in map(describe_file, paths)]
-    facts = ("paths", "dtypes", "nodatas", "scales", "offsets")
-    joined: dict[str, Any] = {name: tuple(getattr(one.info, name)[0] for one in each) for name in facts}
-    return RasterSource([one.files[0] for one in each], replace(each[0].info, **joined))
+    return RasterSource([one.files[0] for one in each], joined([one.info for one in each], each[0].info))
+
+
+def joined(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
+    """Join descriptions of files into one with all bands in order, and with the grid and format of `reference`."""
+    every = [f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"]
+    of_bands: dict[str, Any] = {name: tuple(chain(*(getattr(info, name) for info in infos))) for name in every}
+    return replace(reference, **of_bands, alpha=None)
 
 
 def _warped(info: RasterInfo, reference: RasterInfo | Scene, *, how: str) -> list[FileBands]:

@@ -6,8 +6,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from itertools import chain
+from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -20,7 +19,7 @@ from ..raster.info import describe_file
 from ..scene import Scene
 from . import products
 from .bands import bands_of, labelled, sensor_of
-from .grid import put_on_grid
+from .grid import joined, put_on_grid
 from .roles import Wanted, explain_nir, split_wanted
 from .scenes import assets_of
 from .spectral import SPECTRAL_RANGE, example_names, nanometres, own_facts, with_spectral
@@ -121,7 +120,8 @@ def _stacked(
     notes += products.notes_of(opened)
     infos = [with_nodata(info, nodata, notes) for o in opened for info in o.infos]
     files, reference, moved = put_on_grid(infos, grid)
-    info = _with_given(_together(infos, reference), given)
+    info = infos[0] if len(infos) == 1 else joined([own_facts(i) for i in infos], reference)
+    info = _with_given(info, given)
     stems = [_file_stem(i) if len(infos) > 1 else "" for i in infos for _ in i.dtypes]
     found, known, told = bands_of(info, stems, preset)
     if len(infos) > 1 or preset is not None or count:
@@ -183,16 +183,6 @@ def with_nodata(info: RasterInfo, nodata: float | str | None, notes: list[str]) 
             notes.append(f"{info.paths[0]}: nodata {declared:g} of band {i + 1} is ignored: {dtype} cannot hold it")
             kept[i] = None
     return replace(info, nodatas=tuple(kept))
-
-
-def _together(infos: Sequence[RasterInfo], reference: RasterInfo) -> RasterInfo:
-    """Join descriptions of files into one with all bands in order, and with the grid and format of `reference`."""
-    if len(infos) == 1:
-        return infos[0]
-    infos = [own_facts(info) for info in infos]
-    every = [f.name for f in fields(RasterInfo) if isinstance(getattr(reference, f.name), tuple) and f.name != "gcps"]
-    joined: dict[str, Any] = {name: tuple(chain(*(getattr(info, name) for info in infos))) for name in every}
-    return replace(reference, **joined, alpha=None)
 
 
 def _file_stem(info: RasterInfo) -> str:

@@ -78,21 +78,18 @@ _NEAR_NOMINAL = 0.4
 def spectral_of(info: RasterInfo) -> list[Spectral]:
     """Centre wavelength and width [nm] of every band, from its own tags, else from a list in the tags of the file."""
     unit = _first(info.tags, _UNIT_TAG, "")
-    wavelengths, widths = (_stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG))
-    unknown: list[tuple[float | None, str]] = [(None, "")]
-    found: list[Spectral] = []
-    for i, tags in enumerate(info.band_tags):
-        own_unit = _first(tags, _UNIT_TAG, unit)
-        ((value, stated),) = _stated(tags, _WAVELENGTH, 1) or wavelengths[i : i + 1] or unknown
-        wavelength = None if value is None else nanometres(value, stated or own_unit)
-        if wavelength is None or not SPECTRAL_RANGE[0] <= wavelength <= SPECTRAL_RANGE[1]:
-            found.append((None, None))
-            continue
-        ((width, stated),) = _stated(tags, _WIDTH_TAG, 1) or widths[i : i + 1] or unknown
-        if width is not None:
-            width = nanometres(width, stated or own_unit, _WIDEST_MICROMETRE)
-        found.append((wavelength, width))
-    return found
+    lists = {key: _stated(info.tags, key, info.count) for key in (_WAVELENGTH, _WIDTH_TAG)}
+
+    def of_band(i: int, key: re.Pattern[str], most: float) -> float | None:
+        tags = info.band_tags[i]
+        if not (found := _stated(tags, key, 1) or lists[key][i : i + 1]):
+            return None
+        ((value, stated),) = found
+        return nanometres(value, stated or _first(tags, _UNIT_TAG, unit), most)
+
+    waves = [of_band(i, _WAVELENGTH, _LARGEST_MICROMETRE) for i in range(info.count)]
+    known = [w is not None and SPECTRAL_RANGE[0] <= w <= SPECTRAL_RANGE[1] for w in waves]
+    return [(w, of_band(i, _WIDTH_TAG, _WIDEST_MICROMETRE)) if known[i] else (None, None) for i, w in enumerate(waves)]
 
 
 def with_spectral(info: RasterInfo, spectra: Sequence[Spectral]) -> RasterInfo:

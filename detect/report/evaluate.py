@@ -210,9 +210,8 @@ def _check_grid(scene: Scene, name: str, grid: Scene, reference: str) -> None:
 
 def _names(paths: Sequence[str]) -> tuple[str, ...]:
     """Short names of files: their stems, or paths where a stem is not unique. Raises InputError if a path repeats."""
-    if len(set(paths)) < len(paths):
-        twice = next(path for path in paths if paths.count(path) > 1)
-        raise InputError(f"SCORES {twice} is given twice: leave one out.")
+    if twice := [path for path in paths if paths.count(path) > 1]:
+        raise InputError(f"SCORES {twice[0]} is given twice: leave one out.")
     stems = [Path(p).stem for p in paths]
     return tuple(stem if stems.count(stem) == 1 else path for stem, path in zip(stems, paths, strict=True))
 

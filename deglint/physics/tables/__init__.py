@@ -16,6 +16,12 @@ def checked_wavelength(wavelength: npt.ArrayLike) -> Array:
     return within("wavelength", wavelength, *WAVELENGTH_RANGE, "nm", "Give it in nanometres.")
 
 
+def interpolate(table: str, column: str, wavelength: npt.ArrayLike) -> Array:
+    """Interpolate the column `column` of the table `table` (see `load`) linearly to wavelengths [nm]."""
+    columns = load(table)
+    return np.asarray(np.interp(checked_wavelength(wavelength), columns["wavelength_nm"], columns[column]))
+
+
 @cache
 def load(name: str) -> dict[str, npt.NDArray[np.float64]]:
     """Columns of a table of this package, by column name; `name` is the name of the table's file without ``.csv``.
