@@ -7,6 +7,7 @@ import numpy as np
 
 from ..moments import Mask
 from ..scene import FloatArray
+from .detrend import detrend
 from .noise import noise
 from .predict import predictions
 from .request import FitRequest
@@ -69,31 +70,19 @@ def _harmless(ready: Prepared, plain: list[FloatArray], more: tuple[int, ...]) -
     inside, longer = [t.sample for t in ready.tiles], _predicted(ready, more)
     if not plain or not longer or not shorter or not any(m.any() for m in inside):
         return False
-    parts: list[FloatArray] = []  # (band, part, pixel) of each tile; the parts are those of `_parts`
+    parts: list[FloatArray] = []  # (part, band, pixel) of each tile
     less_glint: list[Mask] = []  # (pixel,) of each tile
     for tile, before, after in zip(ready.tiles, plain, longer, strict=True):
-        strength, mask = before[shorter].sum(axis=0)[tile.sample], tile.sample
+        result, change, mask = np.stack(tile.bands) - before, before - after, tile.sample
+        strength = before[shorter].sum(axis=0)[mask]
         less_glint.append(strength <= (np.median(strength) if strength.size else 0))
-        bands = (_parts(tile.bands[k] - before[k], before[k] - after[k], mask) for k in shorter)
-        parts.append(np.stack([b[:, mask] for b in bands]))
+        own, other, rest = (detrend(a[shorter], mask, EVEN_SIDE)[:, mask] for a in (result, result + change, change))
+        parts.append(np.stack([own, other, change[shorter][:, mask] - rest]))  # the last: local means of the change
     every = np.concatenate(parts, axis=-1)
-    fine, left, _ = every.var(axis=-1).T
-    fine_of_less, left_of_less, moved = every[..., np.concatenate(less_glint)].var(axis=-1).T
+    fine, left, _ = every.var(axis=-1)
+    fine_of_less, left_of_less, moved = every[..., np.concatenate(less_glint)].var(axis=-1)
     unit = np.maximum(fine, np.finfo(np.float64).tiny)
     removed = max(np.sum((fine - left) / unit), np.sum((fine_of_less - left_of_less) / unit))
     water = [np.where(t.sample, t.bands, 0).astype(np.float32) for t in ready.tiles]
     limit = [(MOST_MOVED * noise([block[k] for block in water], inside)) ** 2 for k in shorter]
     return bool(np.sum(moved / unit) <= removed and (moved <= limit).all())
-
-
-def _parts(result: FloatArray, change: FloatArray, inside: Mask) -> FloatArray:
-    """Parts of the `result` of a removal in a band and of its `change`, both (row, column); (3, row, column).
-
-    The parts are the deviation of the result from its local means over `inside`, the same after the change, and the
-    local means of the change.
-    """
-    import cv2
-
-    share = np.maximum(cv2.blur(inside.astype(np.float64), (EVEN_SIDE, EVEN_SIDE)), 1 / EVEN_SIDE**2)
-    own, moved = (cv2.blur(np.where(inside, a, 0), (EVEN_SIDE, EVEN_SIDE)) / share for a in (result, change))
-    return np.stack([result - own, result - own + change - moved, moved])
