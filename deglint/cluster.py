@@ -18,7 +18,7 @@ from typing import Any
 
 from .errors import DeglintError, InputError
 from .raster.environment import environment
-from .tiles import Tile
+from .tiles import Tile, one_thread_each
 
 TILES_AHEAD = 3  # most tiles in progress, or finished and not fetched yet, for each thread of a worker
 WORKER_PATIENCE = 60.0  # time without a result after which to check that the cluster has workers [s]
@@ -168,17 +168,14 @@ def _answering() -> Iterator[None]:
 
 @lru_cache(maxsize=2)
 def _unpacked(packed: bytes) -> Callable[[Tile], Any]:
-    """Unpickle the function that processes tiles, and limit libraries to one thread; cached: once for each process."""
+    """Unpickle the function that processes tiles; cached: once for each process."""
     import cloudpickle
-    import cv2
-    from threadpoolctl import threadpool_limits
 
-    cv2.setNumThreads(1)  # the worker's threads are all the threads
-    threadpool_limits(1, user_api="blas")
     work: Callable[[Tile], Any] = cloudpickle.loads(packed)  # from the scheduler, never from a disk
     return work
 
 
+@one_thread_each()
 def _do(packed: bytes, tile: Tile) -> Any:
     """Process a tile in a worker by the pickled function `packed`; a DeglintError loses its cause, to be picklable."""
     with environment():

@@ -281,6 +281,7 @@ def _same(a: Any, b: Any) -> bool:
         return bool(np.array_equal(a, b))
 
 
+@tiling.one_thread_each()
 def over_tiles(
     opened: ArrayScene, work: Work, reach: int, like: tuple[int, np.dtype[Any]], *, step: int, threads: int | None
 ) -> Any:
