@@ -14,6 +14,7 @@ from rasterio.features import bounds
 from rasterio.warp import transform as warp
 
 from deglint.errors import DeglintError, InputError
+from deglint.physics import EARTH_RADIUS
 from deglint.plotting import natural_colour
 from deglint.raster.info import gdal_errors
 from deglint.raster.output import Scratch, write_bytes, write_json, write_text
@@ -28,7 +29,6 @@ from ..objects import Move, Object
 from ..sea.region import rectangle
 from .recipe import PICTURE
 
-_EARTH = 6_371_008.8  # mean radius of the Earth [m]
 _SEARCH_MARGIN = 40  # margin of water around an object in the search for its motion [pixel]: contrast is relative to it
 _ROUND = 1.3  # ratio of length to width below which an object has no bearing
 CHIP_SIDE = 64  # minimum side of the part of the scene in the picture of an object, the chip [pixel of the scene]
@@ -68,7 +68,7 @@ def distance_and_bearing(start: tuple[float, float], end: tuple[float, float]) -
     half = math.sin((lat1 - lat0) / 2) ** 2 + math.cos(lat0) * math.cos(lat1) * math.sin((lon1 - lon0) / 2) ** 2
     east = math.sin(lon1 - lon0) * math.cos(lat1)
     north = math.cos(lat0) * math.sin(lat1) - math.sin(lat0) * math.cos(lat1) * math.cos(lon1 - lon0)
-    return 2 * _EARTH * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
+    return 2 * EARTH_RADIUS * math.asin(min(math.sqrt(half), 1.0)), math.degrees(math.atan2(east, north)) % 360
 
 
 def delayed_bands(scene: Scene) -> tuple[list[int], list[float]]:
