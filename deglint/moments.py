@@ -76,9 +76,9 @@ class CellMoments(NamedTuple):
     rest: Float64
 
     @classmethod
-    def from_moments(cls, m: Moments) -> CellMoments:
-        """Convert a `Moments` object to one cell, at the origin of the scene."""
-        return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in m))
+    def of(cls, keys: npt.ArrayLike, cells: Sequence[Moments]) -> CellMoments:
+        """Cells from the row and column, and the moments, of each."""
+        return cls(np.array(keys, np.int64), *(np.array(values, np.float64) for values in zip(*cells, strict=True)))
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
@@ -154,12 +154,10 @@ def cell_moments(
     with np.errstate(over="ignore", invalid="ignore"):  # whoever uses a moment tests whether it is finite
         for row, rows in edges[0]:
             for column, columns in edges[1]:
-                one = _reduced(block[:, rows, columns], None if mask is None else mask[rows, columns])
-                if one.n:
-                    keys.append((row, column))
-                    found.append(one)
-    arrays = (np.array(values, np.float64) for values in zip(*found, strict=True))
-    return CellMoments(np.array(keys, np.int64), *arrays).where(slice(1, None))
+                keys.append((row, column))
+                found.append(_reduced(block[:, rows, columns], None if mask is None else mask[rows, columns]))
+    cells = CellMoments.of(keys, found)
+    return cells.where(cells.n > 0)
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:

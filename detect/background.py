@@ -120,9 +120,8 @@ class Part:
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
         if len(rows) < len(cells.n):
-            merged = [CellMoments.from_moments(cells.where(cells.keys[:, 0] == row).by_place().total()) for row in rows]
-            cells = CellMoments.concatenate(merged)
-            cells = cells._replace(keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+            merged = [cells.where(cells.keys[:, 0] == row).by_place().total() for row in rows]
+            cells = CellMoments.of(np.stack([rows, np.zeros_like(rows)], axis=1), merged)
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
         return cls(cells, places, values)
 
