@@ -59,9 +59,7 @@ class Moments(NamedTuple):
 
     def covariance(self, ddof: int = 1) -> Float64:
         """Covariance matrix, (variables, variables): `comoment` / (n - ddof); all NaN if n <= ddof."""
-        if self.n <= ddof:
-            return np.full_like(self.comoment, np.nan)
-        return self.comoment / (self.n - ddof)
+        return self.comoment / (self.n - ddof if self.n > ddof else np.nan)
 
 
 class CellMoments(NamedTuple):
@@ -184,10 +182,9 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Moments:
     """Moments of finite pixels of a cell (variable, row, column) where `inside` (row, column; None: all) is True."""
-    if inside is None or inside.all():
-        one = _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))
-        if one is not None:
-            return one
+    whole = inside is None or inside.all()
+    if whole and (one := _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))) is not None:
+        return one
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     valid = np.isfinite(x).all(axis=0)
     return _two_passes(x[:, valid if inside is None else valid & inside.ravel()])
