@@ -177,10 +177,8 @@ def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area |
     name = recipe.background
     if not name:
         return None, None
-    if name.lower().endswith(".json"):
-        text = read_text(name, "--background")
-        if '"covariance"' in text:
-            return Background.from_json(text), None
+    if name.lower().endswith(".json") and '"covariance"' in (text := read_text(name, "--background")):
+        return Background.from_json(text), None
     return None, open_area(name, scene, "--background")
 
 
@@ -305,12 +303,10 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
-        count = int(np.count_nonzero(classes == WATER))
-        if not count:
-            continue
-        blocks.append((block, classes))
-        nir.append(shown)
-        held += count
+        if count := int(np.count_nonzero(classes == WATER)):
+            blocks.append((block, classes))
+            nir.append(shown)
+            held += count
         if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
             break
     if not blocks:
