@@ -146,9 +146,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     block : (band, row, column), same unit as for `fit_sample`; NaN is not valid. A tile needs a margin of `rule.halo`.
     """
     mask = water(block, rule.water)
-    if not mask.any():
-        return mask
-    return _select(block, mask, _local(block, mask, rule), rule)
+    return _select(block, mask, _local(block, mask, rule), rule) if mask.any() else mask
 
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
