@@ -149,8 +149,7 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     slopes = cross @ inverse.T @ inverse
     left = covariance[np.ix_(others, others)] - slopes @ cross.T
     # a band that the reference explains up to rounding errors is left out, like a constant band
-    whole = np.diag(covariance)[others]
-    gone = np.diag(left) <= TOLERANCE * bands * whole
+    gone = np.diag(left) <= TOLERANCE * bands * np.diag(covariance)[others]
     left[gone] = left[:, gone] = 0
     whiten = whitener(left)
     out = np.zeros((len(whiten), bands))

@@ -318,8 +318,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
     """Read a tile. Returns bands in use, (band, row, column), classes (`sea.region`), and NIR, (band, row, column)."""
-    values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
-    block, nir = np.split(values, [len(plan.bands)])
+    block, nir = np.split(plan.scene.source.read(tile.window, [*plan.bands, *plan.glint]), [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
     water = valid if mask is None else np.logical_and(mask, valid)
