@@ -79,8 +79,7 @@ class _Local(NamedTuple):
     @property
     def residual(self) -> Float64:
         """Variance of the visible sum (see `SampleRule`) that a regression on the NIR does not explain [grain^2]."""
-        explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
-        return np.maximum(self.visible - explained, 0.0)
+        return np.maximum(self.visible - self.covariance**2 / np.maximum(self.variance, 1e-9), 0.0)
 
 
 def away_from_shore(mask: Mask) -> Mask:
@@ -173,8 +172,7 @@ def _quantisation(blocks: Sequence[FloatArray], masks: Sequence[Mask], rule: Wat
     visible, visible_range = _middle_and_range(np.concatenate(sums))
     if not nir_range > 0:
         raise FitError(f"no deep-water sample: the NIR is {nir:.6g} all over the water. Give another --nir or --mask.")
-    steps = nir_range / 1024, (visible_range or 1.0) / 1024
-    return SampleRule(rule, weights, (nir, visible), steps)
+    return SampleRule(rule, weights, (nir, visible), (nir_range / 1024, (visible_range or 1.0) / 1024))
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
