@@ -179,9 +179,7 @@ def state_of(job: Job) -> tuple[str, str]:
             return FAILED, f"{image} was made of another state of the scene"
     if changed := [path for path, said in outputs.items() if not is_as(path, said)]:
         return FAILED, f"{changed[0]} is not as it was made"
-    if len(there) < len(every):
-        return TODO, "was stopped while it was moved into place"
-    return FINISHED, ""
+    return (TODO, "was stopped while it was moved into place") if len(there) < len(every) else (FINISHED, "")
 
 
 def run_batch(
