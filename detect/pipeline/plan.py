@@ -312,8 +312,7 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     if not blocks:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
-    pixel = rule.pixel if plan.pixel_area else None
-    return fit_sea(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
+    return fit_sea(blocks, pixel=rule.pixel if plan.pixel_area else None, side=side, nir=nir if plan.glint else ())
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
@@ -321,5 +320,4 @@ def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array
     block, nir = np.split(plan.scene.source.read(tile.window, [*plan.bands, *plan.glint]), [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
-    water = valid if mask is None else np.logical_and(mask, valid)
-    return block, region(water, rule, valid), nir
+    return block, region(valid if mask is None else np.logical_and(mask, valid), rule, valid), nir

@@ -196,8 +196,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     extent = (0, seen.shape[1] * step, seen.shape[0] * step, 0)
     low, high = np.nanpercentile(seen, [50, 99.9])
     picture = ax.imshow(seen, cmap="cividis", vmin=low, vmax=high, extent=extent, interpolation="nearest")
-    sign = found.request.sign
-    figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{sign * value:.4g}")
+    figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{found.request.sign * value:.4g}")
     for target in () if d.objects is None else d.objects.objects:
         (top, bottom), (left, right) = target.bounds
         style = "-" if target.score_max > d.worst_at.threshold else "--"
