@@ -163,8 +163,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 def state_of(job: Job) -> tuple[str, str]:
     """Status before processing ("to do", "finished before", or "failed": outputs are not this batch's), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
-    there = [p for p in every if p.exists()]
-    if not there:
+    if not (there := [p for p in every if p.exists()]):
         return TODO, ""
     try:
         batch = read_json(str(sidecar), "sidecar")["batch"]

@@ -174,8 +174,7 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
     """Open `recipe.background`: a saved background, or the area in which one is fitted; both None if it is empty."""
-    name = recipe.background
-    if not name:
+    if not (name := recipe.background):
         return None, None
     if name.lower().endswith(".json") and '"covariance"' in (text := read_text(name, "--background")):
         return Background.from_json(text), None

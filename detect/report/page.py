@@ -108,8 +108,7 @@ def counted(n: int, name: str) -> str:
 
 def check_installed(command: str) -> None:
     """Check that matplotlib and jinja2 are installed, for `command`. Raises InputError if one is missing."""
-    missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
-    if missing:
+    if missing := [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]:
         raise InputError(f"{command} needs {' and '.join(missing)}: pip install 'deglint[reports]'.")
 
 
