@@ -117,8 +117,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in blocks)
-    pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in blocks) if m.any()]
-    if not pairs:
+    if not (pairs := [(b, m) for b in blocks if (m := water(b, rule)).any()]):
         raise FitError(f"no deep-water sample: {rule.reason}")
     blocks, masks = [b for b, _ in pairs], [m for _, m in pairs]
     sample = _quantisation(blocks, masks, rule)
@@ -130,8 +129,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
         if sum(int(f.sum()) for f in found) >= ENOUGH:
             break
     kept = _gather(local, found)
-    pixels = int(kept.enough.size)
-    if not pixels:
+    if not (pixels := int(kept.enough.size)):
         raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")
     total = float(kept.visible.sum()) * float(kept.variance.sum())
     r_squared = max(float(kept.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0
@@ -212,8 +210,7 @@ def _choose_distance(
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(blocks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
-        count = sum(int(k.sum()) for k in kept)
-        if count >= ENOUGH:
+        if (count := sum(int(k.sum()) for k in kept)) >= ENOUGH:
             break
     if not count:
         pixels = sum(int(m.sum()) for m in masks)
