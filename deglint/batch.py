@@ -163,8 +163,7 @@ def jobs_of(config: BatchConfig, scenes: Sequence[ListedScene]) -> list[Job]:
 def state_of(job: Job) -> tuple[str, str]:
     """Status before processing ("to do", "finished before", or "failed": outputs are not this batch's), and why."""
     image, sidecar, every = job.outputs.image, job.outputs.sidecar, job.outputs.every()
-    there = [p for p in every if p.exists()]
-    if not there:
+    if not (there := [p for p in every if p.exists()]):
         return TODO, ""
     try:
         batch = read_json(str(sidecar), "sidecar")["batch"]
@@ -179,9 +178,7 @@ def state_of(job: Job) -> tuple[str, str]:
             return FAILED, f"{image} was made of another state of the scene"
     if changed := [path for path, said in outputs.items() if not is_as(path, said)]:
         return FAILED, f"{changed[0]} is not as it was made"
-    if len(there) < len(every):
-        return TODO, "was stopped while it was moved into place"
-    return FINISHED, ""
+    return (TODO, "was stopped while it was moved into place") if len(there) < len(every) else (FINISHED, "")
 
 
 def run_batch(

@@ -59,9 +59,7 @@ class Moments(NamedTuple):
 
     def covariance(self, ddof: int = 1) -> Float64:
         """Covariance matrix, (variables, variables): `comoment` / (n - ddof); all NaN if n <= ddof."""
-        if self.n <= ddof:
-            return np.full_like(self.comoment, np.nan)
-        return self.comoment / (self.n - ddof)
+        return self.comoment / (self.n - ddof if self.n > ddof else np.nan)
 
 
 class CellMoments(NamedTuple):
@@ -76,9 +74,9 @@ class CellMoments(NamedTuple):
     rest: Float64
 
     @classmethod
-    def from_moments(cls, m: Moments) -> CellMoments:
-        """Convert a `Moments` object to one cell, at the origin of the scene."""
-        return cls(np.zeros((1, 2), np.int64), *(np.array([value], np.float64) for value in m))
+    def of(cls, keys: npt.ArrayLike, cells: Sequence[Moments]) -> CellMoments:
+        """Cells from the row and column, and the moments, of each."""
+        return cls(np.array(keys, np.int64), *(np.array(values, np.float64) for values in zip(*cells, strict=True)))
 
     @classmethod
     def concatenate(cls, parts: Sequence[CellMoments]) -> CellMoments:
@@ -154,12 +152,10 @@ def cell_moments(
     with np.errstate(over="ignore", invalid="ignore"):  # whoever uses a moment tests whether it is finite
         for row, rows in edges[0]:
             for column, columns in edges[1]:
-                one = _reduced(block[:, rows, columns], None if mask is None else mask[rows, columns])
-                if one.n:
-                    keys.append((row, column))
-                    found.append(one)
-    arrays = (np.array(values, np.float64) for values in zip(*found, strict=True))
-    return CellMoments(np.array(keys, np.int64), *arrays).where(slice(1, None))
+                keys.append((row, column))
+                found.append(_reduced(block[:, rows, columns], None if mask is None else mask[rows, columns]))
+    cells = CellMoments.of(keys, found)
+    return cells.where(cells.n > 0)
 
 
 def _edges(first: int, length: int, cell: int) -> list[tuple[int, slice]]:
@@ -186,10 +182,9 @@ def thinned(mask: Mask, origin: tuple[int, int], share: int) -> Mask:
 
 def _reduced(pixels: npt.NDArray[Any], inside: Mask | None) -> Moments:
     """Moments of finite pixels of a cell (variable, row, column) where `inside` (row, column; None: all) is True."""
-    if inside is None or inside.all():
-        one = _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))
-        if one is not None:
-            return one
+    whole = inside is None or inside.all()
+    if whole and (one := _one_pass(np.array(pixels, np.float64).reshape(len(pixels), -1))) is not None:
+        return one
     x = np.array(pixels, np.float64).reshape(len(pixels), -1)
     valid = np.isfinite(x).all(axis=0)
     return _two_passes(x[:, valid if inside is None else valid & inside.ravel()])

@@ -120,17 +120,15 @@ class Part:
         cells = CellMoments.concatenate([p.cells for p in parts])
         rows = np.unique(cells.keys[:, 0])
         if len(rows) < len(cells.n):
-            merged = [CellMoments.from_moments(cells.where(cells.keys[:, 0] == row).by_place().total()) for row in rows]
-            cells = CellMoments.concatenate(merged)
-            cells = cells._replace(keys=np.stack([rows, np.zeros_like(rows)], axis=1))
+            merged = [cells.where(cells.keys[:, 0] == row).by_place().total() for row in rows]
+            cells = CellMoments.of(np.stack([rows, np.zeros_like(rows)], axis=1), merged)
         places, values = (np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("places", "values"))
         return cls(cells, places, values)
 
     def background(self, covariance: str, ridge: float, names: Sequence[str] = ()) -> Background:
         """Estimate the background from all pixels of the part; parameters and errors are as in `fit`."""
         moments = Part.merge([self]).cells.by_place().total()
-        n = moments.n
-        if n < 2:
+        if (n := moments.n) < 2:
             raise FitError(
                 f"the background holds {n} valid pixel{'s' * (n != 1)}, need at least 2, and more than there are bands "
                 "in use. Check --nodata, --mask and --background."

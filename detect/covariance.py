@@ -130,8 +130,7 @@ def _concentrate(x: Float64, count: int, mean: Float64, covariance: Float64) -> 
     """
     before = np.inf
     for _ in range(_STEPS):
-        nearest = np.argpartition(_distances(x, mean, covariance), count - 1)[:count]
-        core = x[nearest]
+        core = x[np.argpartition(_distances(x, mean, covariance), count - 1)[:count]]
         mean = core.mean(axis=0)
         covariance = np.cov(core, rowvar=False).reshape(x.shape[1], -1)
         values = np.linalg.eigvalsh(covariance)

@@ -76,8 +76,7 @@ class LineScorer:
         taken = values if valid.all() else values[:, valid]
         check_range(taken)
         if self._weight >= _FIRST * len(values):
-            away = taken - self._mean[:, None]
-            white = whitener(ridged(self._second, _LINE_RIDGE)) @ away
+            white = whitener(ridged(self._second, _LINE_RIDGE)) @ (taken - self._mean[:, None])
             with np.errstate(over="ignore"):  # infinity becomes the largest score
                 found = np.einsum("ij,ij->j", white, white)
             out[valid] = np.minimum(found, np.finfo(np.float32).max)

@@ -100,11 +100,10 @@ def _followed(start: Float64, first: int, places: Sequence[Float64], times: Floa
     """
     last = int(np.argmax(times))
     span = float(times[last] - times[first])
-    reach = FASTEST * span / pixel
     movers = []
     for end in places[last]:
         step = (end[:2] - start[:2]) / span
-        if math.hypot(*(step * span)) > reach:
+        if math.hypot(*step) * pixel > FASTEST:
             continue
         expected = start[:2] + np.outer(times - times[first], step)
         away = [np.hypot(*(spots[:, :2] - place).T) for spots, place in zip(places, expected, strict=True)]

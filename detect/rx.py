@@ -91,8 +91,7 @@ def score(image: Array, detector: Detector, mask: Mask | None = None, *, threads
     with ThreadPoolExecutor(max(threads, 1)) as pool:
         list(pool.map(fill_strip, range(0, len(out), _STRIP_PIXELS)))
     # finite scores beyond the output type become its largest value; the others are not valid
-    bad = ~np.isfinite(out)
-    if bad.any():
+    if (bad := ~np.isfinite(out)).any():
         fine = np.isfinite(flat[:, bad]).all(axis=0)
         out[bad] = np.where(fine, np.copysign(np.finfo(out.dtype.name).max, out[bad]), np.nan)
     scores: Scores = out.reshape(image.shape[1:])
@@ -149,8 +148,7 @@ def _residual(covariance: Float64, nir: Sequence[int]) -> Float64:
     slopes = cross @ inverse.T @ inverse
     left = covariance[np.ix_(others, others)] - slopes @ cross.T
     # a band that the reference explains up to rounding errors is left out, like a constant band
-    whole = np.diag(covariance)[others]
-    gone = np.diag(left) <= TOLERANCE * bands * whole
+    gone = np.diag(left) <= TOLERANCE * bands * np.diag(covariance)[others]
     left[gone] = left[:, gone] = 0
     whiten = whitener(left)
     out = np.zeros((len(whiten), bands))

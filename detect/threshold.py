@@ -181,8 +181,7 @@ def from_quantile(scores: Array | Tail, pfa: float) -> Threshold:
     """
     _check(pfa)
     tail = _tail(scores, pfa)
-    allowed = math.floor(pfa * tail.n * (1 + 1e-12))
-    if allowed < 1:
+    if (allowed := math.floor(pfa * tail.n * (1 + 1e-12))) < 1:
         raise InputError(
             f"pfa: {pfa:g} of {tail.n} valid scores is less than one. Give {1.05 / tail.n:.2g} or more, or more "
             "pixels, to which a tail (gpd) can be fitted."  # rounding to two digits takes up to 5 %

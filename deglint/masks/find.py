@@ -340,8 +340,7 @@ def _threshold(view: _View, window: int, votes: Votes, *, sparkle: bool, strict:
         nearly = int(np.argmax(won >= (1 - RARE_GLINT) * won[last]))
         threshold = min(_emptiest(nir[nearly : last + 1]), sheet)
     else:
-        limit = min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail)
-        threshold = _foot(nir, level, limit)
+        threshold = _foot(nir, level, min(level + BEYOND * (float(nir[last + 1]) - level), sheet, tail))
     if not alone and threshold >= nir[-1]:  # all would be water, as where all land is saturated
         threshold = (float(nir[last]) + float(nir[last + 1])) / 2
     return WaterRule(view.roles, threshold, window, nir_level=level, contrast=darkest)

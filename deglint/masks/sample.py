@@ -79,8 +79,7 @@ class _Local(NamedTuple):
     @property
     def residual(self) -> Float64:
         """Variance of the visible sum (see `SampleRule`) that a regression on the NIR does not explain [grain^2]."""
-        explained = self.covariance**2 / np.maximum(self.variance, 1e-9)
-        return np.maximum(self.visible - explained, 0.0)
+        return np.maximum(self.visible - self.covariance**2 / np.maximum(self.variance, 1e-9), 0.0)
 
 
 def away_from_shore(mask: Mask) -> Mask:
@@ -118,8 +117,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
     Cybernetics 9, 62-66, doi:10.1109/TSMC.1979.4310076.
     """
     valid = sum(int(valid_for(b, rule.roles).sum()) for b in blocks)
-    pairs = [(b, m) for b, m in ((b, water(b, rule)) for b in blocks) if m.any()]
-    if not pairs:
+    if not (pairs := [(b, m) for b in blocks if (m := water(b, rule)).any()]):
         raise FitError(f"no deep-water sample: {rule.reason}")
     blocks, masks = [b for b, _ in pairs], [m for _, m in pairs]
     sample = _quantisation(blocks, masks, rule)
@@ -131,8 +129,7 @@ def fit_sample(blocks: Sequence[FloatArray], rule: WaterRule) -> SampleRule:
         if sum(int(f.sum()) for f in found) >= ENOUGH:
             break
     kept = _gather(local, found)
-    pixels = int(kept.enough.size)
-    if not pixels:
+    if not (pixels := int(kept.enough.size)):
         raise FitError(f"no deep-water sample: no dark, even water with glint was found. {REMEDY}")
     total = float(kept.visible.sum()) * float(kept.variance.sum())
     r_squared = max(float(kept.covariance.sum()), 0.0) ** 2 / total if total > 0 else 0.0
@@ -146,9 +143,7 @@ def deep_water(block: FloatArray, rule: SampleRule) -> Mask:
     block : (band, row, column), same unit as for `fit_sample`; NaN is not valid. A tile needs a margin of `rule.halo`.
     """
     mask = water(block, rule.water)
-    if not mask.any():
-        return mask
-    return _select(block, mask, _local(block, mask, rule), rule)
+    return _select(block, mask, _local(block, mask, rule), rule) if mask.any() else mask
 
 
 def _visible_sum(block: FloatArray, roles: Roles, weights: Sequence[float]) -> Float64:
@@ -175,8 +170,7 @@ def _quantisation(blocks: Sequence[FloatArray], masks: Sequence[Mask], rule: Wat
     visible, visible_range = _middle_and_range(np.concatenate(sums))
     if not nir_range > 0:
         raise FitError(f"no deep-water sample: the NIR is {nir:.6g} all over the water. Give another --nir or --mask.")
-    steps = nir_range / 1024, (visible_range or 1.0) / 1024
-    return SampleRule(rule, weights, (nir, visible), steps)
+    return SampleRule(rule, weights, (nir, visible), (nir_range / 1024, (visible_range or 1.0) / 1024))
 
 
 def _local(block: FloatArray, mask: Mask, rule: SampleRule) -> _Local:
@@ -216,8 +210,7 @@ def _choose_distance(
     other = [valid_for(b, sample.water.roles) & ~m for b, m in zip(blocks, masks, strict=True)]
     for distance in DISTANCES:
         kept = [s.enough & ~grown(o, 2 * distance + 1) for s, o in zip(local, other, strict=True)]
-        count = sum(int(k.sum()) for k in kept)
-        if count >= ENOUGH:
+        if (count := sum(int(k.sum()) for k in kept)) >= ENOUGH:
             break
     if not count:
         pixels = sum(int(m.sum()) for m in masks)

@@ -106,9 +106,7 @@ def water(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:
     valid = valid_for(block, rule.roles)
     if not rule.has_water:
         return np.zeros_like(valid)
-    if rule.all_water:
-        return valid
-    return valid & ~land(block, rule)
+    return valid if rule.all_water else valid & ~land(block, rule)
 
 
 def land(block: FloatArray | Sequence[FloatArray], rule: WaterRule) -> Mask:

@@ -53,8 +53,7 @@ def rms_error(image: Array, truth: Array, columns: slice = slice(None)) -> float
     """
     truth = np.asarray(truth, np.float64)[:VISIBLE_BANDS]
     away = (np.asarray(image, np.float64)[:VISIBLE_BANDS] - truth)[:, :, columns]
-    level = np.median(truth, axis=(1, 2))
-    each = np.sqrt((away**2).mean(axis=(1, 2))) / level
+    each = np.sqrt((away**2).mean(axis=(1, 2))) / np.median(truth, axis=(1, 2))
     return float(100 * np.sqrt((each**2).mean()))
 
 

@@ -49,9 +49,8 @@ def bench(out: str, **given: Any) -> None:
     targets = Path(out), Path(given["json"] or f"{out}.json")
     if targets[0] == targets[1]:
         raise click.UsageError(f"OUT.html and --json are both {out}: name two files.")
-    for name in given["only"]:
-        if name not in removals():
-            raise click.BadParameter(f"{name!r} is no method; there are {', '.join(removals())}.", param_hint="--only")
+    if other := [name for name in given["only"] if name not in removals()]:
+        raise click.BadParameter(f"{other[0]!r} is no method; there are {', '.join(removals())}.", param_hint="--only")
     wanted = [name for name in removals() if name in given["only"] or not given["only"]]
     effort = Effort.of(wanted, quick=given["quick"], seeds=given["seeds"])
     check_ending(targets[0], "a page of HTML", ".html", ".htm")

@@ -170,8 +170,7 @@ def _around(start: int, stop: int, size: int) -> tuple[int, int]:
 def _raw_of(scene: Scene) -> list[Scene]:
     """Scene before glint removal, in a list; empty if the sidecar names no readable files of a scene of this size."""
     try:
-        files = [file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]]
-        raw = open_scene(files)
+        raw = open_scene([file["path"] for file in read_json(f"{scene.path}.json", "sidecar")["input"]])
     except (DeglintError, KeyError, TypeError):
         return []
     return [raw] if raw.shape[1:] == scene.shape[1:] else []

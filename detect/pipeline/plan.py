@@ -174,13 +174,10 @@ def _chosen(scene: Scene, recipe: Recipe, threads: int, single: bool) -> tuple[R
 
 def _background(scene: Scene, recipe: Recipe) -> tuple[Background | None, Area | None]:
     """Open `recipe.background`: a saved background, or the area in which one is fitted; both None if it is empty."""
-    name = recipe.background
-    if not name:
+    if not (name := recipe.background):
         return None, None
-    if name.lower().endswith(".json"):
-        text = read_text(name, "--background")
-        if '"covariance"' in text:
-            return Background.from_json(text), None
+    if name.lower().endswith(".json") and '"covariance"' in (text := read_text(name, "--background")):
+        return Background.from_json(text), None
     return None, open_area(name, scene, "--background")
 
 
@@ -305,26 +302,21 @@ def _fit_sea(plan: Plan, rule: SeaRule) -> SeaModel:
     everything, held = tiling.tiles(scene.height, scene.width, (block_side, block_side)), 0
     for tile in tiling.spread(everything, 16 * _BLOCKS * _SAMPLE_BLOCK**2):
         block, classes, shown = read_sea(plan, rule, tile)
-        count = int(np.count_nonzero(classes == WATER))
-        if not count:
-            continue
-        blocks.append((block, classes))
-        nir.append(shown)
-        held += count
+        if count := int(np.count_nonzero(classes == WATER)):
+            blocks.append((block, classes))
+            nir.append(shown)
+            held += count
         if held >= _BLOCKS * _SAMPLE_BLOCK**2 // 2 and len(blocks) >= _BLOCKS:
             break
     if not blocks:
         raise NoWaterError(f"no water in {scene.path} to compare with. Check --mask and --nodata, or take --method rx.")
     side = None if plan.recipe.side == "auto" else plan.recipe.side
-    pixel = rule.pixel if plan.pixel_area else None
-    return fit_sea(blocks, pixel=pixel, side=side, nir=nir if plan.glint else ())
+    return fit_sea(blocks, pixel=rule.pixel if plan.pixel_area else None, side=side, nir=nir if plan.glint else ())
 
 
 def read_sea(plan: Plan, rule: SeaRule, tile: Tile) -> tuple[Array, Uint8, Array]:
     """Read a tile. Returns bands in use, (band, row, column), classes (`sea.region`), and NIR, (band, row, column)."""
-    values = plan.scene.source.read(tile.window, [*plan.bands, *plan.glint])
-    block, nir = np.split(values, [len(plan.bands)])
+    block, nir = np.split(plan.scene.source.read(tile.window, [*plan.bands, *plan.glint]), [len(plan.bands)])
     valid = np.asarray(np.isfinite(block).all(axis=0))
     mask = plan.read_mask(tile)
-    water = valid if mask is None else np.logical_and(mask, valid)
-    return block, region(water, rule, valid), nir
+    return block, region(valid if mask is None else np.logical_and(mask, valid), rule, valid), nir

@@ -112,9 +112,8 @@ class Scoring:
         classes, valid = classes[core], np.asarray(np.isfinite(block[core]).all(axis=0))
         afloat = np.where(classes == ALONGSIDE, np.float32(np.nan), scores)
         tail = Tail.of(afloat, self.keep) if self.keep else None
-        flags = None
-        if self.want_flags:
-            flags = _flags(valid, [(valid & (classes == which), bit) for which, bit in _SEA_FLAGS.items()])
+        marks = ((valid & (classes == which), bit) for which, bit in _SEA_FLAGS.items())
+        flags = _flags(valid, marks) if self.want_flags else None
         tally = _count(scores, np.isfinite(scores) | ~valid, np.zeros_like(classes))
         beside = {}
         for which in (ALONGSIDE, ATTACHED):

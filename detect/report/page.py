@@ -108,8 +108,7 @@ def counted(n: int, name: str) -> str:
 
 def check_installed(command: str) -> None:
     """Check that matplotlib and jinja2 are installed, for `command`. Raises InputError if one is missing."""
-    missing = [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]
-    if missing:
+    if missing := [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]:
         raise InputError(f"{command} needs {' and '.join(missing)}: pip install 'deglint[reports]'.")
 
 
@@ -196,8 +195,7 @@ def scene(d: Judged, found: Evaluation) -> Figure:
     extent = (0, seen.shape[1] * step, seen.shape[0] * step, 0)
     low, high = np.nanpercentile(seen, [50, 99.9])
     picture = ax.imshow(seen, cmap="cividis", vmin=low, vmax=high, extent=extent, interpolation="nearest")
-    sign = found.request.sign
-    figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{sign * value:.4g}")
+    figure.colorbar(picture, ax=ax, shrink=0.6, format=lambda value, _place: f"{found.request.sign * value:.4g}")
     for target in () if d.objects is None else d.objects.objects:
         (top, bottom), (left, right) = target.bounds
         style = "-" if target.score_max > d.worst_at.threshold else "--"

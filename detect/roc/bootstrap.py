@@ -123,12 +123,11 @@ def _count(scores: Array, objects: Array, ok: Mask, levels: Array, block: int) -
     bins = len(levels) + 1
     height, width = scores.shape
     across = -(-width // block)
-    columns = np.arange(width) // block
     background = []
     for top in range(0, height, block):
         rows = slice(top, top + block)
         use = ok[rows] & (objects[rows] == 0)
-        place = np.broadcast_to(columns, use.shape)[use]
+        place = np.nonzero(use)[1] // block
         at = np.searchsorted(levels, scores[rows][use], side="right")
         counts = np.bincount(place * bins + at, minlength=across * bins).reshape(across, bins)
         background.append(csr_array(counts[counts.any(axis=1)]))

@@ -125,8 +125,7 @@ def _scored(scores: Array, objects: Array, ok: Mask, roc: Roc) -> Iterator[Objec
     n = len(roc.background)
     for at in np.split(order, cuts) if len(order) else ():
         r, c = rows[at], columns[at]
-        values = scores[r, c][ok[r, c]]
-        if len(values):
+        if len(values := scores[r, c][ok[r, c]]):
             highest = values.max()
             pfa = (n - int(np.searchsorted(roc.background, highest, "left"))) / n
             box = ((int(r.min()), int(r.max()) + 1), (int(c.min()), int(c.max()) + 1))
