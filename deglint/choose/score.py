@@ -174,12 +174,8 @@ def level_excess(
     opened : for each recipe, whether it contains an opening; None for a copy, whose excess is 0
     """
     judged, average = np.flatnonzero(np.isfinite(unit)), np.mean if delayed else np.median
-    levels = np.array(
-        [
-            [average(np.concatenate([i[b][m] for i, m in zip(images, inside, strict=True)])) for b in judged]
-            for images in results
-        ]
-    )
+    pixels = (np.concatenate([i[:, m] for i, m in zip(images, inside, strict=True)], axis=1) for images in results)
+    levels = np.array([[average(values[b]) for b in judged] for values in pixels])
     excess = np.zeros(len(results))
     for kind in (True, False):
         own, other = (np.array([o is k for o in opened]) for k in (kind, not kind))
