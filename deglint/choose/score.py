@@ -100,13 +100,11 @@ def partners(setting: Setting, unit: Float32) -> dict[int, int]:
     result is empty if the times of the bands are not known. `unit` is as in `powers`.
     """
     judged, times, waves = np.flatnonzero(np.isfinite(unit)), setting.offsets, setting.wavelengths
-    found: dict[int, int] = {}
     if times is None:
-        return found
-    for b in judged:
-        if len(other := judged[np.abs(times[judged] - times[b]) >= LASTS]):
-            found[int(b)] = int(other[np.argmin(np.nan_to_num(np.abs(waves[other] - waves[b]), nan=np.inf))])
-    return found
+        return {}
+    others = {b: judged[np.abs(times[judged] - times[b]) >= LASTS] for b in judged.tolist()}
+    away = np.nan_to_num(np.abs(waves[:, None] - waves), nan=np.inf)  # (band, band) [nm]
+    return {b: int(some[away[b, some].argmin()]) for b, some in others.items() if some.size}
 
 
 def least_signal(
