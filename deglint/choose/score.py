@@ -139,11 +139,10 @@ def least_glint(glint: Sequence[Float32], inside: Sequence[Mask]) -> list[Mask]:
     out = []
     for planes, mask in zip(glint, inside, strict=True):
         clear = np.zeros((len(planes), len(SCALES) - 1, *mask.shape), np.bool_)
-        for b, plane in enumerate(planes):
-            for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
+        for i, (side, share) in enumerate(zip(SCALES[1:], _shares(mask), strict=True)):
+            for b, plane in enumerate(planes if mask.any() else ()):
                 around = cv2.blur(np.where(mask, plane, np.float32(0)), (side, side)) / share
-                if mask.any():
-                    clear[b, i] = mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT))
+                clear[b, i] = mask & (around <= np.percentile(around[mask], LEAST_GLINT_PERCENT))
         out.append(clear)
     return out
 
