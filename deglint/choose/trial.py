@@ -260,9 +260,7 @@ def _spectrum(setting: Setting) -> Float32 | None:
     return np.maximum(setting.colour / setting.colour[setting.nir[0]], 1)  # of radiance or reflectance, the larger
 
 
-def _own_signal(
-    sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32
-) -> Float64 | float:
+def _own_signal(sample: Sample, inside: Sequence[Mask], unit: Float32, setting: Setting, spectrum: Float32) -> Float64:
     """Result of `least_signal`, (scale,), for bands limited to their percentile `OFTEN`: flashes of sparkle, where they
     are few, may all miss the time of the NIR.
     """
