@@ -95,8 +95,7 @@ class Choice:
     @property
     def why(self) -> str:
         """Reason why the best candidate was chosen."""
-        trial = self.trial
-        if trial is None:
+        if (trial := self.trial) is None:
             return "there is too little water to try others, or its values are too large"
         near = trial.error <= EQUAL_ERRORS * min(t.error for t in self.trials)
         how = f"within {EQUAL_ERRORS - 1:.0%} of the least expected error" if near else "that openings hardly improve"
